@@ -1,0 +1,84 @@
+//! The one error type of the library: what happened, where, and what to do about it.
+
+use std::path::{Path, PathBuf};
+
+/// Shorthand for a result with Palpate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Everything that can go wrong in the library.
+///
+/// Each message says what happened, where, and what the caller can do. A panic is a bug.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused to open, read or write a file.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder concerned.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+
+    /// A file's content is not what its format promises (or the format is not known).
+    #[error("{}: {what}", path.display())]
+    Format {
+        /// The file concerned.
+        path: PathBuf,
+        /// What is wrong, where in the file (line, byte or section), and what was expected.
+        what: String,
+    },
+
+    /// A mesh that cannot be worked with: no tetrahedra, indices out of range, NaN coordinates.
+    #[error("mesh: {0}")]
+    Mesh(String),
+
+    /// An argument, option or scene entry that makes no sense; the message says what would.
+    #[error("{0}")]
+    Input(String),
+
+    /// No graphics adapter could be used.
+    #[error("no usable graphics adapter: {0}")]
+    NoAdapter(String),
+
+    /// The graphics device refused the work: a limit, an allocation, a shader.
+    #[error("GPU: {0}")]
+    Gpu(String),
+
+    /// The graphics device was lost (driver reset, unplugged, timed out).
+    #[error(
+        "the graphics device was lost ({0}); everything on it is gone: create a new `Gpu`, and if the driver timed out, submit less work at a time"
+    )]
+    DeviceLost(String),
+
+    /// A simulation failed and was frozen in its last good state.
+    #[error("{solver} failed at step {step} (t = {time:.6} s): {what}; {advice}")]
+    Solver {
+        /// The solver's name, as on the command line.
+        solver: &'static str,
+        /// The step at which it failed, counted from 1.
+        step: u64,
+        /// The simulated time of the last good state, in seconds.
+        time: f64,
+        /// What was detected: NaN, runaway energy, conjugate gradients not converged.
+        what: String,
+        /// What to change.
+        advice: String,
+    },
+}
+
+impl Error {
+    /// An [`Error::Io`] for `path`, to be used with `map_err`.
+    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
+        let path = path.as_ref().to_path_buf();
+        move |source| Error::Io { path, source }
+    }
+
+    /// An [`Error::Format`] for `path`.
+    pub fn format(path: impl AsRef<Path>, what: impl Into<String>) -> Error {
+        Error::Format {
+            path: path.as_ref().to_path_buf(),
+            what: what.into(),
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! The device, GPU-resident arrays, passes, shader composition, read-back and timing.

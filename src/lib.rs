@@ -1,0 +1,15 @@
+//! Palpate: press on a body and see inside it while it gives.
+//!
+//! Deformable tetrahedral meshes are simulated on the GPU and drawn by a volume raycaster that
+//! walks the deformed tetrahedra, with nothing read back in between. The methods are those of
+//! Tejada & Ertl, *Large Steps in GPU-based Deformable Bodies Simulation* (2005), carried further.
+//!
+//! Data flows one way: file → [`mesh::TetMesh`] → body (textures on the GPU) → solver step →
+//! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` is the map.
+
+pub mod error;
+pub mod gpu;
+pub mod io;
+pub mod mesh;
+
+pub use error::{Error, Result};

@@ -1,0 +1,3 @@
+//! The `palpate` command line.
+
+fn main() {}

@@ -1,0 +1,103 @@
+//! Tetrahedral meshes: nodes, tets, fields; topology, quality, generators.
+//!
+//! Nothing here knows of files or of the GPU.
+
+mod field;
+mod repair;
+mod topology;
+
+pub use field::{Field, Location, ScalarType};
+pub use repair::Repairs;
+pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
+
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// A tetrahedral mesh with fields, in the units of the file it came from.
+///
+/// Every tet (v0 v1 v2 v3) is positively oriented: det(v1−v0, v2−v0, v3−v0) ≥ 0, and face i
+/// lies opposite vertex i (see [`FACES`]). Meshes are built by [`TetMesh::new`], which repairs
+/// what can be repaired safely and counts it in [`TetMesh::repairs`].
+#[derive(Clone, Debug, Default)]
+pub struct TetMesh {
+    /// Node positions.
+    pub nodes: Vec<DVec3>,
+    /// Four node indices a tet.
+    pub tets: Vec<[u32; 4]>,
+    /// Fields at the nodes and in the tets, by name.
+    pub fields: Vec<Field>,
+    /// What was repaired, dropped or noticed when the mesh was made.
+    pub repairs: Repairs,
+}
+
+impl TetMesh {
+    /// Signed volume of tet `t`.
+    pub fn tet_volume(&self, t: usize) -> f64 {
+        signed_volume(self.tet_nodes(t))
+    }
+
+    /// The four node positions of tet `t`.
+    pub fn tet_nodes(&self, t: usize) -> [DVec3; 4] {
+        self.tets[t].map(|v| self.nodes[v as usize])
+    }
+
+    /// Sum of the signed volumes of all tets.
+    pub fn volume(&self) -> f64 {
+        (0..self.tets.len()).map(|t| self.tet_volume(t)).sum()
+    }
+
+    /// The axis-aligned bounding box of the nodes: (lower corner, upper corner).
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        bounds(&self.nodes)
+    }
+
+    /// The field called `name` at `location`, if there is one.
+    pub fn field(&self, name: &str, location: Location) -> Option<&Field> {
+        self.fields
+            .iter()
+            .find(|f| f.name == name && f.location == location)
+    }
+
+    /// Adds a field, replacing one of the same name and location.
+    ///
+    /// # Errors
+    /// When the number of values does not match the mesh.
+    pub fn set_field(&mut self, field: Field) -> Result<()> {
+        let items = match field.location {
+            Location::Node => self.nodes.len(),
+            Location::Cell => self.tets.len(),
+        };
+        if field.components == 0 || field.values.len() != items * field.components {
+            return Err(Error::Mesh(format!(
+                "field \"{}\" has {} values, but {} {} of {} components need {}",
+                field.name,
+                field.values.len(),
+                items,
+                field.location,
+                field.components,
+                items * field.components
+            )));
+        }
+        self.fields
+            .retain(|f| f.name != field.name || f.location != field.location);
+        self.fields.push(field);
+        Ok(())
+    }
+}
+
+/// Volume of the tet with corners `v`, positive when det(v1−v0, v2−v0, v3−v0) is.
+pub fn signed_volume(v: [DVec3; 4]) -> f64 {
+    (v[1] - v[0]).cross(v[2] - v[0]).dot(v[3] - v[0]) / 6.0
+}
+
+/// The axis-aligned bounding box of `points`; both corners at the origin when there are none.
+pub fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
+    if points.is_empty() {
+        return (DVec3::ZERO, DVec3::ZERO);
+    }
+    points
+        .iter()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
+            (low.min(*p), high.max(*p))
+        })
+}

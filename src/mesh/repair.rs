@@ -1,0 +1,183 @@
+//! Making a mesh safe to work with: what is repaired, what is counted, what is refused.
+
+use super::{Field, Location, TetMesh, signed_volume};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::collections::HashSet;
+
+/// What was repaired, dropped or noticed when a mesh was made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Repairs {
+    /// Tets whose orientation was flipped.
+    pub inverted_fixed: usize,
+    /// Tets dropped because they have a repeated corner or no volume at all.
+    pub degenerate: usize,
+    /// Tets dropped because the same four nodes came before.
+    pub repeated: usize,
+    /// Nodes dropped because no tet uses them.
+    pub unused_nodes: usize,
+    /// Faces shared by more than two tets; they are left unconnected.
+    pub crowded_faces: usize,
+    /// Everything above and whatever a reader noticed, in words.
+    pub warnings: Vec<String>,
+}
+
+impl TetMesh {
+    /// A mesh from nodes, tets in any orientation, and fields, made safe to work with.
+    ///
+    /// Wrongly oriented tets are flipped; tets with a repeated corner or exactly zero volume,
+    /// and repeats of a tet, are dropped; nodes that no tet uses are dropped. All of it is
+    /// counted in [`TetMesh::repairs`], after the `warnings` given.
+    ///
+    /// # Errors
+    /// No tets, an index out of range, a coordinate of a used node that is not finite, or a
+    /// field whose length does not match.
+    pub fn new(
+        nodes: Vec<DVec3>,
+        tets: Vec<[u32; 4]>,
+        fields: Vec<Field>,
+        warnings: Vec<String>,
+    ) -> Result<TetMesh> {
+        let mut mesh = TetMesh {
+            nodes,
+            tets,
+            fields: Vec::new(),
+            repairs: Repairs {
+                warnings,
+                ..Repairs::default()
+            },
+        };
+        for field in fields {
+            mesh.set_field(field)?;
+        }
+        mesh.check_indices()?;
+        mesh.drop_bad_tets();
+        if mesh.tets.is_empty() {
+            return Err(Error::Mesh(
+                "there is no tetrahedron with a volume in it; Palpate needs a volumetric mesh (a surface can be meshed first, by TetGen or gmsh)".into(),
+            ));
+        }
+        mesh.drop_unused_nodes();
+        mesh.repairs.crowded_faces = super::topology::crowded_faces(&mesh.tets);
+        mesh.describe_repairs();
+        Ok(mesh)
+    }
+
+    fn check_indices(&self) -> Result<()> {
+        if self.nodes.len() > u32::MAX as usize / 4 || self.tets.len() > u32::MAX as usize / 4 {
+            return Err(Error::Mesh(format!(
+                "{} nodes and {} tets are more than the {} that 32-bit indices allow",
+                self.nodes.len(),
+                self.tets.len(),
+                u32::MAX / 4
+            )));
+        }
+        for (t, tet) in self.tets.iter().enumerate() {
+            for &v in tet {
+                let Some(p) = self.nodes.get(v as usize) else {
+                    return Err(Error::Mesh(format!(
+                        "tet {t} refers to node {v}, but there are only {} nodes (counted from 0)",
+                        self.nodes.len()
+                    )));
+                };
+                if !p.is_finite() {
+                    return Err(Error::Mesh(format!(
+                        "node {v}, a corner of tet {t}, has coordinates {p} that are not finite numbers"
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn drop_bad_tets(&mut self) {
+        let mut seen = HashSet::with_capacity(self.tets.len());
+        let mut keep = vec![true; self.tets.len()];
+        for (t, tet) in self.tets.iter_mut().enumerate() {
+            let mut key = *tet;
+            key.sort_unstable();
+            let repeated_corner = key.windows(2).any(|w| w[0] == w[1]);
+            let volume = signed_volume(tet.map(|v| self.nodes[v as usize]));
+            if repeated_corner || volume == 0.0 {
+                self.repairs.degenerate += 1;
+                keep[t] = false;
+            } else if !seen.insert(key) {
+                self.repairs.repeated += 1;
+                keep[t] = false;
+            } else if volume < 0.0 {
+                tet.swap(2, 3);
+                self.repairs.inverted_fixed += 1;
+            }
+        }
+        if keep.contains(&false) {
+            retain_tuples(&mut self.tets, 1, &keep);
+            for field in self
+                .fields
+                .iter_mut()
+                .filter(|f| f.location == Location::Cell)
+            {
+                retain_tuples(&mut field.values, field.components, &keep);
+            }
+        }
+    }
+
+    fn drop_unused_nodes(&mut self) {
+        let mut used = vec![false; self.nodes.len()];
+        for &v in self.tets.iter().flatten() {
+            used[v as usize] = true;
+        }
+        self.repairs.unused_nodes = used.iter().filter(|u| !**u).count();
+        if self.repairs.unused_nodes == 0 {
+            return;
+        }
+        let mut new_index = vec![0u32; self.nodes.len()];
+        let mut next = 0;
+        for (v, used) in used.iter().enumerate() {
+            new_index[v] = next;
+            next += u32::from(*used);
+        }
+        for v in self.tets.iter_mut().flatten() {
+            *v = new_index[*v as usize];
+        }
+        retain_tuples(&mut self.nodes, 1, &used);
+        for field in self
+            .fields
+            .iter_mut()
+            .filter(|f| f.location == Location::Node)
+        {
+            retain_tuples(&mut field.values, field.components, &used);
+        }
+    }
+
+    fn describe_repairs(&mut self) {
+        let r = &mut self.repairs;
+        let notes = [
+            (r.inverted_fixed, "tets were inverted and have been flipped"),
+            (
+                r.degenerate,
+                "tets with a repeated corner or zero volume were dropped",
+            ),
+            (r.repeated, "tets that repeat an earlier one were dropped"),
+            (r.unused_nodes, "nodes that no tet uses were dropped"),
+            (
+                r.crowded_faces,
+                "faces are shared by more than two tets; they are treated as boundary",
+            ),
+        ];
+        for (count, what) in notes {
+            if count > 0 {
+                r.warnings.push(format!("{count} {what}"));
+            }
+        }
+    }
+}
+
+/// Keeps the tuples of `width` items whose flag is set.
+fn retain_tuples<T: Copy>(items: &mut Vec<T>, width: usize, keep: &[bool]) {
+    let mut item = 0;
+    items.retain(|_| {
+        let kept = keep[item / width];
+        item += 1;
+        kept
+    });
+}
