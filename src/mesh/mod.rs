@@ -3,10 +3,13 @@
 //! Nothing here knows of files or of the GPU.
 
 mod field;
+pub mod generate;
+mod order;
 mod repair;
 mod topology;
 
 pub use field::{Field, Location, ScalarType};
+pub use order::morton_order;
 pub use repair::Repairs;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
 

@@ -1,0 +1,14 @@
+//! Meshes made, not read: one file a shape.
+//!
+//! All of them are deterministic, positively oriented, of one component, and have a closed
+//! boundary without non-manifold edges.
+
+mod bar;
+mod benchmark;
+mod duct;
+mod grid;
+
+pub use bar::{PAPER_BAR_CELLS, PAPER_BAR_SIZE, bar, bar_of_about, paper_bar};
+pub use benchmark::benchmark_cube;
+pub use duct::{Bore, duct};
+pub use grid::{Split, box_mesh};

@@ -1,0 +1,44 @@
+//! Morton order: tets that lie near each other in space come near each other in memory, which
+//! keeps the caches of a raycaster warm.
+
+use super::TetMesh;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Bits of the Morton code along each axis; three of them fit 64 bits.
+const BITS: u32 = 21;
+
+/// The order in which to visit the tets of `mesh` so that neighbours in space stay close: the
+/// k-th entry is the tet that comes k-th along the Morton curve through the centroids.
+///
+/// Equal codes keep the order of the file, so the result is the same on every run.
+pub fn morton_order(mesh: &TetMesh) -> Vec<u32> {
+    let (low, high) = mesh.bounds();
+    let extent = (high - low).max_element();
+    let cells = ((1u64 << BITS) - 1) as f64;
+    let scale = if extent > 0.0 { cells / extent } else { 0.0 };
+    let mut keyed: Vec<(u64, u32)> = (0..mesh.tets.len())
+        .into_par_iter()
+        .map(|t| {
+            let centroid = mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0;
+            (morton_code((centroid - low) * scale), t as u32)
+        })
+        .collect();
+    keyed.par_sort_unstable();
+    keyed.into_iter().map(|(_, t)| t).collect()
+}
+
+/// The interleaved bits of a point with coordinates in [0, 2²¹).
+fn morton_code(p: DVec3) -> u64 {
+    spread(p.x as u64) | spread(p.y as u64) << 1 | spread(p.z as u64) << 2
+}
+
+/// Moves bit k of the lowest 21 bits to bit 3k.
+fn spread(x: u64) -> u64 {
+    let mut x = x & 0x1f_ffff;
+    x = (x | x << 32) & 0x001f_0000_0000_ffff;
+    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+    (x | x << 2) & 0x1249_2492_4924_9249
+}

@@ -1,0 +1,5 @@
+//! Meshes: generators, topology, quality, description and repairs.
+#![allow(clippy::unwrap_used)]
+
+mod generators;
+mod support;
