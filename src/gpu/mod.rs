@@ -1,1 +1,26 @@
 //! The device, GPU-resident arrays, passes, shader composition, read-back and timing.
+//!
+//! A pass is prepared once and recorded every step, and reads as a sentence: read these, write
+//! those, with these parameters, over this many items (see [`Gpu::pass`]). Bind-group layouts are
+//! reflected from the WGSL and held against that sentence when the pass is prepared, so a wrong
+//! order, format or struct layout is an error then and never a wrong picture later.
+
+mod array;
+mod binding;
+mod device;
+mod draw;
+mod layout;
+mod pass;
+mod readback;
+mod record;
+mod shader;
+mod timing;
+
+pub use array::{Array, ROW, Texel};
+pub use binding::{Bind, Resource};
+pub use device::{ADAPTER_VARIABLE, Gpu};
+pub use draw::{Draw, DrawBuilder};
+pub use layout::{GpuStruct, check_layout};
+pub use pass::{Pass, PassBuilder};
+pub use record::Recorder;
+pub use shader::{compose, parse, shader_names};

@@ -1,0 +1,354 @@
+//! From the sentence of a pass to a bind group: what the WGSL declares, held against what is given.
+
+use super::layout::GpuStruct;
+use super::{Gpu, layout, shader};
+use crate::{Error, Result};
+use wgpu::naga;
+
+/// Something a shader can be given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Resource<'a> {
+    /// A texture, sampled, loaded from, or stored to.
+    Texture(&'a wgpu::TextureView),
+    /// A whole storage buffer.
+    Buffer(&'a wgpu::Buffer),
+    /// A sampler.
+    Sampler(&'a wgpu::Sampler),
+}
+
+/// Types that can stand in the sentence of a pass.
+pub trait Bind {
+    /// The resource itself.
+    fn resource(&self) -> Resource<'_>;
+}
+
+impl Bind for wgpu::TextureView {
+    fn resource(&self) -> Resource<'_> {
+        Resource::Texture(self)
+    }
+}
+impl Bind for wgpu::Buffer {
+    fn resource(&self) -> Resource<'_> {
+        Resource::Buffer(self)
+    }
+}
+impl Bind for wgpu::Sampler {
+    fn resource(&self) -> Resource<'_> {
+        Resource::Sampler(self)
+    }
+}
+
+/// One word of the sentence.
+enum Word<'a> {
+    Read(Resource<'a>),
+    Write(Resource<'a>),
+    Params {
+        bytes: &'a [u8],
+        compare: fn(&str, &naga::TypeInner) -> Result<()>,
+    },
+}
+
+/// What a pass is given, in the order of its bindings.
+#[derive(Default)]
+pub(super) struct Sentence<'a> {
+    words: Vec<Word<'a>>,
+}
+
+/// A sentence held against its shader: ready to make pipelines and bind groups with.
+pub(super) struct Bound {
+    pub(super) module: naga::Module,
+    pub(super) layout_entries: Vec<wgpu::BindGroupLayoutEntry>,
+    pub(super) params: Option<wgpu::Buffer>,
+}
+
+impl<'a> Sentence<'a> {
+    pub(super) fn read(&mut self, r: Resource<'a>) {
+        self.words.push(Word::Read(r));
+    }
+
+    pub(super) fn write(&mut self, r: Resource<'a>) {
+        self.words.push(Word::Write(r));
+    }
+
+    pub(super) fn params<P: GpuStruct>(&mut self, p: &'a P) {
+        self.words.push(Word::Params {
+            bytes: bytemuck::bytes_of(p),
+            compare: layout::compare::<P>,
+        });
+    }
+
+    /// Holds the sentence against the WGSL of `name` and makes the uniform buffer.
+    pub(super) fn check(
+        &self,
+        gpu: &Gpu,
+        name: &str,
+        visibility: wgpu::ShaderStages,
+    ) -> Result<Bound> {
+        let module = shader::parse(name)?;
+        let wrong = |what: String| Error::Gpu(format!("shaders/{name}.wgsl: {what}"));
+        let mut declared: Vec<(u32, &naga::GlobalVariable)> = module
+            .global_variables
+            .iter()
+            .filter_map(|(_, g)| g.binding.map(|b| (b.binding, g)))
+            .collect();
+        declared.sort_by_key(|(binding, _)| *binding);
+        if declared.len() != self.words.len()
+            || declared.iter().enumerate().any(|(i, d)| d.0 != i as u32)
+        {
+            return Err(wrong(format!(
+                "declares bindings {:?}, but {} things are given in order from 0",
+                declared.iter().map(|d| d.0).collect::<Vec<_>>(),
+                self.words.len()
+            )));
+        }
+        let mut layout_entries = Vec::new();
+        let mut params = None;
+        for ((binding, global), word) in declared.iter().zip(&self.words) {
+            let variable = global.name.as_deref().unwrap_or("?");
+            let ty = declared_type(gpu, &module, global, word)
+                .map_err(|what| wrong(format!("binding {binding}, {variable}: {what}")))?;
+            if let Word::Params { bytes, compare } = word {
+                compare(name, &module.types[global.ty].inner)?;
+                params = Some(gpu.uniform(name, bytes)?);
+            }
+            let writable = matches!(
+                ty,
+                wgpu::BindingType::Buffer {
+                    ty: wgpu::BufferBindingType::Storage { read_only: false },
+                    ..
+                } | wgpu::BindingType::StorageTexture { .. }
+            );
+            layout_entries.push(wgpu::BindGroupLayoutEntry {
+                binding: *binding,
+                // Writing in the vertex stage needs a feature that not every device has.
+                visibility: if writable {
+                    visibility.difference(wgpu::ShaderStages::VERTEX)
+                } else {
+                    visibility
+                },
+                ty,
+                count: None,
+            });
+        }
+        for (i, a) in self.words.iter().enumerate() {
+            for b in &self.words[i + 1..] {
+                let clash = match (a, b) {
+                    (Word::Read(a), Word::Write(b))
+                    | (Word::Write(a), Word::Read(b))
+                    | (Word::Write(a), Word::Write(b)) => a == b,
+                    _ => false,
+                };
+                if clash {
+                    return Err(wrong(format!(
+                        "one resource is given twice, and at least once to write: {a:?}",
+                        a = match a {
+                            Word::Read(r) | Word::Write(r) => Some(r),
+                            Word::Params { .. } => None,
+                        }
+                    )));
+                }
+            }
+        }
+        Ok(Bound {
+            module,
+            layout_entries,
+            params,
+        })
+    }
+
+    /// The bind group for a layout made from [`Bound::layout_entries`].
+    pub(super) fn bind_group(
+        &self,
+        gpu: &Gpu,
+        name: &str,
+        layout: &wgpu::BindGroupLayout,
+        params: Option<&wgpu::Buffer>,
+    ) -> Result<wgpu::BindGroup> {
+        let entries: Vec<wgpu::BindGroupEntry> = self
+            .words
+            .iter()
+            .enumerate()
+            .filter_map(|(i, word)| {
+                let resource = match word {
+                    Word::Read(r) | Word::Write(r) => match r {
+                        Resource::Texture(view) => wgpu::BindingResource::TextureView(view),
+                        Resource::Buffer(buffer) => buffer.as_entire_binding(),
+                        Resource::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
+                    },
+                    Word::Params { .. } => params?.as_entire_binding(),
+                };
+                Some(wgpu::BindGroupEntry {
+                    binding: i as u32,
+                    resource,
+                })
+            })
+            .collect();
+        gpu.create(name, |device| {
+            device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(name),
+                layout,
+                entries: &entries,
+            })
+        })
+    }
+}
+
+impl Gpu {
+    fn uniform(&self, label: &str, bytes: &[u8]) -> Result<wgpu::Buffer> {
+        let buffer = self.create(label, |device| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: bytes.len() as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        })?;
+        self.queue().write_buffer(&buffer, 0, bytes);
+        Ok(buffer)
+    }
+}
+
+/// The binding type that the WGSL declares, if it agrees with the word given for it.
+fn declared_type(
+    gpu: &Gpu,
+    module: &naga::Module,
+    global: &naga::GlobalVariable,
+    word: &Word,
+) -> std::result::Result<wgpu::BindingType, String> {
+    let inner = &module.types[global.ty].inner;
+    let buffer = |ty| wgpu::BindingType::Buffer {
+        ty,
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    };
+    match (global.space, inner, word) {
+        (naga::AddressSpace::Uniform, _, Word::Params { .. }) => {
+            Ok(buffer(wgpu::BufferBindingType::Uniform))
+        }
+        (naga::AddressSpace::Storage { access }, _, Word::Read(Resource::Buffer(_)))
+            if !access.contains(naga::StorageAccess::STORE) =>
+        {
+            Ok(buffer(wgpu::BufferBindingType::Storage { read_only: true }))
+        }
+        (naga::AddressSpace::Storage { access }, _, Word::Write(Resource::Buffer(_)))
+            if access.contains(naga::StorageAccess::STORE) =>
+        {
+            Ok(buffer(wgpu::BufferBindingType::Storage {
+                read_only: false,
+            }))
+        }
+        (_, naga::TypeInner::Sampler { comparison }, Word::Read(Resource::Sampler(_))) => {
+            Ok(wgpu::BindingType::Sampler(if *comparison {
+                wgpu::SamplerBindingType::Comparison
+            } else {
+                wgpu::SamplerBindingType::Filtering
+            }))
+        }
+        (
+            _,
+            naga::TypeInner::Image {
+                dim,
+                arrayed,
+                class,
+            },
+            Word::Read(Resource::Texture(view)) | Word::Write(Resource::Texture(view)),
+        ) => image_type(gpu, module, *dim, *arrayed, *class, view, word),
+        _ => Err(format!(
+            "declared as {:?}, but {} is given",
+            global.space,
+            match word {
+                Word::Read(r) => format!("{r:?} to read"),
+                Word::Write(r) => format!("{r:?} to write"),
+                Word::Params { .. } => "a parameter struct".into(),
+            }
+        )),
+    }
+}
+
+fn image_type(
+    gpu: &Gpu,
+    module: &naga::Module,
+    dim: naga::ImageDimension,
+    arrayed: bool,
+    class: naga::ImageClass,
+    view: &wgpu::TextureView,
+    word: &Word,
+) -> std::result::Result<wgpu::BindingType, String> {
+    let view_dimension = match (dim, arrayed) {
+        (naga::ImageDimension::D1, _) => wgpu::TextureViewDimension::D1,
+        (naga::ImageDimension::D2, false) => wgpu::TextureViewDimension::D2,
+        (naga::ImageDimension::D2, true) => wgpu::TextureViewDimension::D2Array,
+        (naga::ImageDimension::D3, _) => wgpu::TextureViewDimension::D3,
+        (naga::ImageDimension::Cube, _) => wgpu::TextureViewDimension::Cube,
+    };
+    let format = view.texture().format();
+    match (class, word) {
+        (naga::ImageClass::Sampled { kind, multi }, Word::Read(_)) => {
+            let features = format.guaranteed_format_features(gpu.device().features());
+            let filtered = features
+                .flags
+                .contains(wgpu::TextureFormatFeatureFlags::FILTERABLE)
+                && module
+                    .types
+                    .iter()
+                    .any(|(_, t)| matches!(t.inner, naga::TypeInner::Sampler { .. }));
+            let sample_type = match kind {
+                naga::ScalarKind::Float => wgpu::TextureSampleType::Float {
+                    filterable: filtered,
+                },
+                naga::ScalarKind::Uint => wgpu::TextureSampleType::Uint,
+                naga::ScalarKind::Sint => wgpu::TextureSampleType::Sint,
+                other => return Err(format!("sampled textures of {other:?} are not supported")),
+            };
+            Ok(wgpu::BindingType::Texture {
+                sample_type,
+                view_dimension,
+                multisampled: multi,
+            })
+        }
+        (naga::ImageClass::Depth { multi }, Word::Read(_)) => Ok(wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Depth,
+            view_dimension,
+            multisampled: multi,
+        }),
+        (
+            naga::ImageClass::Storage {
+                format: declared,
+                access,
+            },
+            Word::Write(_),
+        ) => {
+            if access != naga::StorageAccess::STORE {
+                return Err("storage textures are written only; declare it `write`".into());
+            }
+            let declared = storage_format(declared)
+                .ok_or_else(|| format!("storage format {declared:?} is not used here"))?;
+            if declared != format {
+                return Err(format!("declared {declared:?}, given {format:?}"));
+            }
+            Ok(wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::WriteOnly,
+                format,
+                view_dimension,
+            })
+        }
+        (naga::ImageClass::Storage { .. }, _) => Err("declared to write, given to read".into()),
+        _ => Err("declared to read, given to write".into()),
+    }
+}
+
+fn storage_format(f: naga::StorageFormat) -> Option<wgpu::TextureFormat> {
+    use naga::StorageFormat as S;
+    use wgpu::TextureFormat as T;
+    Some(match f {
+        S::R32Float => T::R32Float,
+        S::Rg32Float => T::Rg32Float,
+        S::Rgba32Float => T::Rgba32Float,
+        S::Rgba16Float => T::Rgba16Float,
+        S::R32Uint => T::R32Uint,
+        S::Rg32Uint => T::Rg32Uint,
+        S::Rgba32Uint => T::Rgba32Uint,
+        S::Rgba8Unorm => T::Rgba8Unorm,
+        _ => return None,
+    })
+}

@@ -1,0 +1,272 @@
+//! The graphics device: Palpate's own, or the caller's.
+
+use super::pass::Pipelines;
+use super::timing::Timer;
+use crate::{Error, Result};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The environment variable that chooses the adapter: part of its name, its index in the list
+/// that the error shows, or `cpu` for a software adapter.
+pub const ADAPTER_VARIABLE: &str = "PALPATE_ADAPTER";
+
+/// Features used where the adapter has them; there is a path without each.
+const OPTIONAL_FEATURES: wgpu::Features =
+    wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_FILTERABLE);
+
+/// A graphics device with what Palpate keeps beside it. Cloning shares the device.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    adapter: wgpu::AdapterInfo,
+    pipelines: Pipelines,
+    timer: Timer,
+    readbacks: AtomicU64,
+    /// The first thing that went wrong outside of any call; kept until the device goes.
+    trouble: Arc<Mutex<Option<Trouble>>>,
+}
+
+#[derive(Clone, Debug)]
+enum Trouble {
+    Lost(String),
+    Refused(String),
+}
+
+impl Gpu {
+    /// A device of Palpate's own, on the adapter that `PALPATE_ADAPTER` names, or else on the
+    /// most capable one.
+    ///
+    /// # Errors
+    /// [`Error::NoAdapter`] with what to install or which adapters there are.
+    pub fn new() -> Result<Gpu> {
+        let wanted = std::env::var(ADAPTER_VARIABLE).ok();
+        Gpu::with_adapter(wanted.as_deref())
+    }
+
+    /// A device of Palpate's own on the adapter `wanted`: part of its name in any case, its
+    /// index, or `cpu`; `None` takes the most capable one (discrete before integrated before
+    /// software).
+    ///
+    /// # Errors
+    /// As [`Gpu::new`].
+    pub fn with_adapter(wanted: Option<&str>) -> Result<Gpu> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            // Vulkan, Metal and DirectX 12: the software rasteriser's OpenGL twin is slower.
+            backends: wgpu::Backends::PRIMARY,
+            // Indirect arguments are written by our own shaders only, and checking each of them
+            // costs a dispatch: no VALIDATION_INDIRECT_CALL.
+            flags: wgpu::InstanceFlags::empty().with_env(),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+        adapters.sort_by_key(|a| rank(a.get_info().device_type));
+        let adapter = choose(&adapters, wanted)?;
+        let info = adapter.get_info();
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("palpate"),
+            required_features: adapter.features() & OPTIONAL_FEATURES,
+            required_limits: wgpu::Limits::default(),
+            ..Default::default()
+        }))
+        .map_err(|e| {
+            Error::NoAdapter(format!(
+                "{} ({:?}) refuses a device with WebGPU's default limits: {e}; choose another with {ADAPTER_VARIABLE} or --adapter",
+                info.name, info.backend
+            ))
+        })?;
+        let gpu = Gpu::assemble(info, device, queue);
+        let trouble = gpu.inner.trouble.clone();
+        gpu.device()
+            .set_device_lost_callback(move |reason, message| {
+                if reason != wgpu::DeviceLostReason::Destroyed {
+                    note(&trouble, Trouble::Lost(message));
+                }
+            });
+        let trouble = gpu.inner.trouble.clone();
+        gpu.device()
+            .on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+                note(&trouble, Trouble::Refused(error.to_string()));
+            }));
+        Ok(gpu)
+    }
+
+    /// The caller's device: Palpate creates its arrays and pipelines there, and records into the
+    /// caller's encoders. The caller keeps the device's own error and loss callbacks.
+    pub fn from_wgpu(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
+        Gpu::assemble(adapter.get_info(), device, queue)
+    }
+
+    fn assemble(adapter: wgpu::AdapterInfo, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
+        Gpu {
+            inner: Arc::new(Inner {
+                timer: Timer::new(&device, &queue),
+                device,
+                queue,
+                adapter,
+                pipelines: Pipelines::default(),
+                readbacks: AtomicU64::new(0),
+                trouble: Arc::default(),
+            }),
+        }
+    }
+
+    /// The device.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.inner.device
+    }
+
+    /// The queue.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.inner.queue
+    }
+
+    /// What the adapter says of itself.
+    pub fn adapter(&self) -> &wgpu::AdapterInfo {
+        &self.inner.adapter
+    }
+
+    /// The adapter in one line: name, kind and backend.
+    pub fn adapter_name(&self) -> String {
+        let a = self.adapter();
+        let kind = match a.device_type {
+            wgpu::DeviceType::Cpu => "software",
+            wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+            wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+            wgpu::DeviceType::VirtualGpu => "virtual GPU",
+            wgpu::DeviceType::Other => "other",
+        };
+        format!("{} ({kind}, {:?})", a.name, a.backend)
+    }
+
+    /// Whether the device was made with all of `features`.
+    pub fn has(&self, features: wgpu::Features) -> bool {
+        self.device().features().contains(features)
+    }
+
+    /// How often anything was read back from this device so far.
+    pub fn readbacks(&self) -> u64 {
+        self.inner.readbacks.load(Ordering::Relaxed)
+    }
+
+    /// Waits until the device is idle.
+    ///
+    /// # Errors
+    /// [`Error::DeviceLost`], or [`Error::Gpu`] with whatever the device refused since.
+    pub fn wait(&self) -> Result<()> {
+        let polled = self.device().poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        polled
+            .map(|_| ())
+            .map_err(|e| Error::DeviceLost(e.to_string()))
+    }
+
+    /// Reports a lost device or refused work noticed since the last look.
+    ///
+    /// # Errors
+    /// [`Error::DeviceLost`] (and from then on always), or [`Error::Gpu`].
+    pub fn check(&self) -> Result<()> {
+        let mut trouble = lock(&self.inner.trouble);
+        match trouble.clone() {
+            None => Ok(()),
+            Some(Trouble::Lost(why)) => Err(Error::DeviceLost(why)),
+            Some(Trouble::Refused(why)) => {
+                *trouble = None;
+                Err(Error::Gpu(why))
+            }
+        }
+    }
+
+    /// Creates something on the device, turning what the device refuses into an error.
+    pub(super) fn create<T>(
+        &self,
+        label: &str,
+        make: impl FnOnce(&wgpu::Device) -> T,
+    ) -> Result<T> {
+        self.check()?;
+        let memory = self
+            .device()
+            .push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let validity = self
+            .device()
+            .push_error_scope(wgpu::ErrorFilter::Validation);
+        let made = make(self.device());
+        let refused = pollster::block_on(validity.pop());
+        let refused = pollster::block_on(memory.pop()).or(refused);
+        match refused {
+            None => Ok(made),
+            Some(e) => Err(Error::Gpu(format!("{label}: {e}"))),
+        }
+    }
+
+    pub(super) fn pipelines(&self) -> &Pipelines {
+        &self.inner.pipelines
+    }
+
+    pub(super) fn timer(&self) -> &Timer {
+        &self.inner.timer
+    }
+
+    pub(super) fn count_readback(&self) {
+        self.inner.readbacks.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// A mutex's content, whether or not a thread died holding it: all of ours stay consistent.
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn note(trouble: &Mutex<Option<Trouble>>, what: Trouble) {
+    let mut trouble = lock(trouble);
+    let lost_already = matches!(*trouble, Some(Trouble::Lost(_)));
+    if trouble.is_none() || (!lost_already && matches!(what, Trouble::Lost(_))) {
+        *trouble = Some(what);
+    }
+}
+
+fn rank(kind: wgpu::DeviceType) -> u8 {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    }
+}
+
+fn choose<'a>(adapters: &'a [wgpu::Adapter], wanted: Option<&str>) -> Result<&'a wgpu::Adapter> {
+    let Some(first) = adapters.first() else {
+        return Err(Error::NoAdapter(
+            "none was found. Install your GPU's Vulkan driver, or the software one (Debian, Ubuntu: apt install mesa-vulkan-drivers libvulkan1; Fedora: dnf install mesa-vulkan-drivers vulkan-loader)".into(),
+        ));
+    };
+    let Some(wanted) = wanted.map(str::trim).filter(|w| !w.is_empty()) else {
+        return Ok(first);
+    };
+    let found = match wanted.parse::<usize>() {
+        Ok(index) => adapters.get(index),
+        Err(_) => adapters.iter().find(|a| {
+            let info = a.get_info();
+            let software = info.device_type == wgpu::DeviceType::Cpu;
+            (wanted.eq_ignore_ascii_case("cpu") && software)
+                || info.name.to_lowercase().contains(&wanted.to_lowercase())
+        }),
+    };
+    found.ok_or_else(|| {
+        let list: Vec<String> = adapters
+            .iter()
+            .enumerate()
+            .map(|(i, a)| format!("{i}: {}", a.get_info().name))
+            .collect();
+        Error::NoAdapter(format!(
+            "\"{wanted}\" is none of those here ({}); name one of these, its index, or cpu",
+            list.join(", ")
+        ))
+    })
+}

@@ -1,0 +1,195 @@
+//! Raster passes: pipelines prepared with the same sentence as compute passes.
+
+use super::Gpu;
+use super::binding::{Bind, Sentence};
+use super::layout::GpuStruct;
+use crate::Result;
+
+/// A draw ready to be recorded into render passes with attachments of its formats.
+///
+/// Vertices come from the shader's own reads (`vertex_index`): there are no vertex buffers.
+#[derive(Clone, Debug)]
+pub struct Draw {
+    pipeline: wgpu::RenderPipeline,
+    bind_group: wgpu::BindGroup,
+    params: Option<wgpu::Buffer>,
+}
+
+/// The sentence of a draw being written; see [`Gpu::draw`].
+#[must_use]
+pub struct DrawBuilder<'a> {
+    gpu: &'a Gpu,
+    name: &'a str,
+    sentence: Sentence<'a>,
+    constants: Vec<(&'a str, f64)>,
+    targets: Vec<Option<wgpu::ColorTargetState>>,
+    depth: Option<wgpu::DepthStencilState>,
+    primitive: wgpu::PrimitiveState,
+}
+
+impl Gpu {
+    /// Begins the sentence of a draw with `shaders/{name}.wgsl`, entry points `vertex` and
+    /// `fragment`; triangles, no culling, until said otherwise.
+    pub fn draw<'a>(&'a self, name: &'a str) -> DrawBuilder<'a> {
+        DrawBuilder {
+            gpu: self,
+            name,
+            sentence: Sentence::default(),
+            constants: Vec::new(),
+            targets: Vec::new(),
+            depth: None,
+            primitive: wgpu::PrimitiveState::default(),
+        }
+    }
+}
+
+impl<'a> DrawBuilder<'a> {
+    /// Sets a WGSL `override` constant.
+    pub fn constant(mut self, name: &'a str, value: f64) -> Self {
+        self.constants.push((name, value));
+        self
+    }
+
+    /// The next binding is read.
+    pub fn read(mut self, what: &'a impl Bind) -> Self {
+        self.sentence.read(what.resource());
+        self
+    }
+
+    /// The next binding is written, by the fragment stage.
+    pub fn write(mut self, what: &'a impl Bind) -> Self {
+        self.sentence.write(what.resource());
+        self
+    }
+
+    /// The next binding is a uniform with these values; see [`Draw::set_params`].
+    pub fn params<P: GpuStruct>(mut self, params: &'a P) -> Self {
+        self.sentence.params(params);
+        self
+    }
+
+    /// The next colour attachment has this format and, if given, this blending.
+    pub fn target(mut self, format: wgpu::TextureFormat, blend: Option<wgpu::BlendState>) -> Self {
+        self.targets.push(Some(wgpu::ColorTargetState {
+            format,
+            blend,
+            write_mask: wgpu::ColorWrites::ALL,
+        }));
+        self
+    }
+
+    /// There is a depth attachment of this format, compared so, and written to if `write`.
+    pub fn depth(
+        mut self,
+        format: wgpu::TextureFormat,
+        compare: wgpu::CompareFunction,
+        write: bool,
+    ) -> Self {
+        self.depth = Some(wgpu::DepthStencilState {
+            format,
+            depth_write_enabled: Some(write),
+            depth_compare: Some(compare),
+            stencil: wgpu::StencilState::default(),
+            bias: wgpu::DepthBiasState::default(),
+        });
+        self
+    }
+
+    /// What the vertices make, and which faces are culled.
+    pub fn primitive(mut self, primitive: wgpu::PrimitiveState) -> Self {
+        self.primitive = primitive;
+        self
+    }
+
+    /// Prepares the draw.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`](crate::Error::Gpu) when the shader and the sentence disagree.
+    pub fn prepare(self) -> Result<Draw> {
+        let (gpu, name) = (self.gpu, self.name);
+        let bound = self
+            .sentence
+            .check(gpu, name, wgpu::ShaderStages::VERTEX_FRAGMENT)?;
+        let layout = gpu.create(name, |device| {
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some(name),
+                entries: &bound.layout_entries,
+            })
+        })?;
+        let source = super::compose(name)?;
+        let compilation_options = wgpu::PipelineCompilationOptions {
+            constants: &self.constants,
+            ..Default::default()
+        };
+        let pipeline = gpu.create(name, |device| {
+            let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(name),
+                source: wgpu::ShaderSource::Wgsl(source.into()),
+            });
+            let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(name),
+                bind_group_layouts: &[Some(&layout)],
+                immediate_size: 0,
+            });
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(name),
+                layout: Some(&pipeline_layout),
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some("vertex"),
+                    compilation_options: compilation_options.clone(),
+                    buffers: &[],
+                },
+                primitive: self.primitive,
+                depth_stencil: self.depth.clone(),
+                multisample: wgpu::MultisampleState::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &module,
+                    entry_point: Some("fragment"),
+                    compilation_options: compilation_options.clone(),
+                    targets: &self.targets,
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        })?;
+        let bind_group = self
+            .sentence
+            .bind_group(gpu, name, &layout, bound.params.as_ref())?;
+        Ok(Draw {
+            pipeline,
+            bind_group,
+            params: bound.params,
+        })
+    }
+}
+
+impl Draw {
+    /// Records a draw of `vertices` vertices, `instances` times.
+    pub fn record(&self, pass: &mut wgpu::RenderPass, vertices: u32, instances: u32) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.bind_group, &[]);
+        pass.draw(0..vertices, 0..instances);
+    }
+
+    /// Records a draw whose four u32 arguments stand in `arguments` at byte `offset`.
+    pub fn record_indirect(
+        &self,
+        pass: &mut wgpu::RenderPass,
+        arguments: &wgpu::Buffer,
+        offset: u64,
+    ) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.bind_group, &[]);
+        pass.draw_indirect(arguments, offset);
+    }
+
+    /// Replaces the parameters, before the whole of the next submit.
+    pub fn set_params<P: GpuStruct>(&self, gpu: &Gpu, params: &P) {
+        if let Some(buffer) = &self.params {
+            debug_assert_eq!(buffer.size(), size_of::<P>() as u64);
+            gpu.queue()
+                .write_buffer(buffer, 0, bytemuck::bytes_of(params));
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! Compute passes: prepared once, recorded every step.
+
+use super::binding::{Bind, Sentence};
+use super::device::lock;
+use super::layout::GpuStruct;
+use super::{Gpu, Recorder};
+use crate::{Error, Result};
+use std::collections::HashMap;
+use std::sync::Mutex;
+use wgpu::naga;
+
+/// Compute pipelines already made, by shader, constants and layout.
+#[derive(Debug, Default)]
+pub(super) struct Pipelines {
+    compute: Mutex<HashMap<String, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>>,
+}
+
+/// What one dispatch covers.
+#[derive(Clone, Debug)]
+enum Extent {
+    Groups([u32; 3]),
+    Indirect(wgpu::Buffer, u64),
+}
+
+/// A compute pass ready to be recorded, any number of times.
+///
+/// For ping-pong, prepare one pass for each direction: they share their pipeline.
+#[derive(Clone, Debug)]
+pub struct Pass {
+    name: String,
+    pipeline: wgpu::ComputePipeline,
+    bind_group: wgpu::BindGroup,
+    params: Option<wgpu::Buffer>,
+    extent: Extent,
+}
+
+/// The sentence of a compute pass being written; see [`Gpu::pass`].
+#[must_use]
+pub struct PassBuilder<'a> {
+    gpu: &'a Gpu,
+    name: &'a str,
+    sentence: Sentence<'a>,
+    constants: Vec<(&'a str, f64)>,
+}
+
+impl Gpu {
+    /// Begins the sentence of a compute pass over `shaders/{name}.wgsl`, entry point `main`.
+    ///
+    /// What is read, written and given as parameters stands in the order of the shader's
+    /// bindings, from `@group(0) @binding(0)`.
+    pub fn pass<'a>(&'a self, name: &'a str) -> PassBuilder<'a> {
+        PassBuilder {
+            gpu: self,
+            name,
+            sentence: Sentence::default(),
+            constants: Vec::new(),
+        }
+    }
+}
+
+impl<'a> PassBuilder<'a> {
+    /// Sets a WGSL `override` constant.
+    pub fn constant(mut self, name: &'a str, value: f64) -> Self {
+        self.constants.push((name, value));
+        self
+    }
+
+    /// The next binding is read.
+    pub fn read(mut self, what: &'a impl Bind) -> Self {
+        self.sentence.read(what.resource());
+        self
+    }
+
+    /// The next binding is written.
+    pub fn write(mut self, what: &'a impl Bind) -> Self {
+        self.sentence.write(what.resource());
+        self
+    }
+
+    /// The next binding is a uniform with these values; see [`Pass::set_params`].
+    pub fn params<P: GpuStruct>(mut self, params: &'a P) -> Self {
+        self.sentence.params(params);
+        self
+    }
+
+    /// Prepares the pass over `items` items, one invocation each, folded into two dimensions.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when the shader and the sentence disagree.
+    pub fn over(self, items: u32) -> Result<Pass> {
+        let name = self.name;
+        self.prepare(|size| {
+            let per_group = size[0];
+            if size[1] * size[2] != 1 {
+                return Err(Error::Gpu(format!(
+                    "shaders/{name}.wgsl: workgroups of {size:?} cannot cover a list of items"
+                )));
+            }
+            let groups = items.div_ceil(per_group);
+            // The dispatch limit a dimension, in every WebGPU device.
+            let x = groups.min(65_535);
+            Ok(Extent::Groups([x, groups.div_ceil(x.max(1)), 1]))
+        })
+    }
+
+    /// Prepares the pass over `groups` workgroups.
+    ///
+    /// # Errors
+    /// As [`PassBuilder::over`].
+    pub fn over_groups(self, groups: [u32; 3]) -> Result<Pass> {
+        self.prepare(|_| Ok(Extent::Groups(groups)))
+    }
+
+    /// Prepares the pass over as many workgroups as stand in `arguments` (three u32 at byte
+    /// `offset`) when it runs.
+    ///
+    /// # Errors
+    /// As [`PassBuilder::over`].
+    pub fn over_indirect(self, arguments: &wgpu::Buffer, offset: u64) -> Result<Pass> {
+        self.prepare(|_| Ok(Extent::Indirect(arguments.clone(), offset)))
+    }
+
+    fn prepare(self, extent: impl FnOnce([u32; 3]) -> Result<Extent>) -> Result<Pass> {
+        let (gpu, name) = (self.gpu, self.name);
+        let bound = self
+            .sentence
+            .check(gpu, name, wgpu::ShaderStages::COMPUTE)?;
+        let extent = extent(workgroup_size(name, &bound.module, &self.constants)?)?;
+        let key = format!("{name} {:?} {:?}", self.constants, bound.layout_entries);
+        let known = lock(&gpu.pipelines().compute).get(&key).cloned();
+        let (pipeline, layout) = match known {
+            Some(known) => known,
+            None => {
+                let layout = gpu.create(name, |device| {
+                    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                        label: Some(name),
+                        entries: &bound.layout_entries,
+                    })
+                })?;
+                let pipeline = compute_pipeline(gpu, name, &layout, &self.constants)?;
+                lock(&gpu.pipelines().compute).insert(key, (pipeline.clone(), layout.clone()));
+                (pipeline, layout)
+            }
+        };
+        let bind_group = self
+            .sentence
+            .bind_group(gpu, name, &layout, bound.params.as_ref())?;
+        Ok(Pass {
+            name: name.to_owned(),
+            pipeline,
+            bind_group,
+            params: bound.params,
+            extent,
+        })
+    }
+}
+
+impl Pass {
+    /// Records the pass.
+    pub fn record(&self, work: &mut Recorder) {
+        if matches!(self.extent, Extent::Groups(groups) if groups.contains(&0)) {
+            return;
+        }
+        work.compute(&self.name, |pass| {
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &self.bind_group, &[]);
+            match &self.extent {
+                Extent::Groups([x, y, z]) => pass.dispatch_workgroups(*x, *y, *z),
+                Extent::Indirect(arguments, offset) => {
+                    pass.dispatch_workgroups_indirect(arguments, *offset);
+                }
+            }
+        });
+    }
+
+    /// Replaces the parameters, before the whole of the next submit.
+    pub fn set_params<P: GpuStruct>(&self, gpu: &Gpu, params: &P) {
+        if let Some(buffer) = &self.params {
+            debug_assert_eq!(buffer.size(), size_of::<P>() as u64);
+            gpu.queue()
+                .write_buffer(buffer, 0, bytemuck::bytes_of(params));
+        }
+    }
+}
+
+fn compute_pipeline(
+    gpu: &Gpu,
+    name: &str,
+    layout: &wgpu::BindGroupLayout,
+    constants: &[(&str, f64)],
+) -> Result<wgpu::ComputePipeline> {
+    let source = super::compose(name)?;
+    gpu.create(name, |device| {
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(name),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(name),
+            bind_group_layouts: &[Some(layout)],
+            immediate_size: 0,
+        });
+        device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(name),
+            layout: Some(&layout),
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                ..Default::default()
+            },
+            cache: None,
+        })
+    })
+}
+
+/// The workgroup size of entry point `main`, with `constants` in place of the overrides.
+fn workgroup_size(
+    name: &str,
+    module: &naga::Module,
+    constants: &[(&str, f64)],
+) -> Result<[u32; 3]> {
+    let wrong = |what: &str| Error::Gpu(format!("shaders/{name}.wgsl: {what}"));
+    let main = module
+        .entry_points
+        .iter()
+        .find(|e| e.name == "main" && e.stage == naga::ShaderStage::Compute)
+        .ok_or_else(|| wrong("has no compute entry point `main`"))?;
+    let mut size = main.workgroup_size;
+    let overrides = main.workgroup_size_overrides.unwrap_or_default();
+    for (axis, expression) in overrides.iter().enumerate() {
+        let Some(expression) = expression else {
+            continue;
+        };
+        size[axis] = override_value(module, *expression, constants)
+            .ok_or_else(|| wrong("its workgroup size is neither a number nor a plain override"))?;
+    }
+    Ok(size)
+}
+
+fn override_value(
+    module: &naga::Module,
+    expression: naga::Handle<naga::Expression>,
+    constants: &[(&str, f64)],
+) -> Option<u32> {
+    match &module.global_expressions[expression] {
+        naga::Expression::Literal(naga::Literal::U32(n)) => Some(*n),
+        naga::Expression::Literal(naga::Literal::I32(n)) => u32::try_from(*n).ok(),
+        naga::Expression::Override(handle) => {
+            let declared = &module.overrides[*handle];
+            let given = constants
+                .iter()
+                .find(|(name, _)| Some(*name) == declared.name.as_deref());
+            match given {
+                Some((_, value)) => Some(*value as u32),
+                None => override_value(module, declared.init?, constants),
+            }
+        }
+        _ => None,
+    }
+}

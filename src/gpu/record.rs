@@ -1,0 +1,143 @@
+//! Recording passes into an encoder, Palpate's own or the caller's.
+
+use super::timing::Marks;
+use super::{Array, Gpu};
+use crate::Result;
+
+/// An encoder being filled with passes.
+///
+/// Compute passes recorded one after the other share one WebGPU pass (each dispatch sees the
+/// writes of those before it), unless passes are being timed.
+pub struct Recorder<'e> {
+    gpu: Gpu,
+    encoder: Encoder<'e>,
+    open: Option<wgpu::ComputePass<'static>>,
+    marks: Option<Marks>,
+}
+
+enum Encoder<'e> {
+    Own(wgpu::CommandEncoder),
+    Callers(&'e mut wgpu::CommandEncoder),
+}
+
+impl Gpu {
+    /// Begins recording into an encoder of its own.
+    pub fn record(&self) -> Recorder<'static> {
+        let encoder = self
+            .device()
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: None });
+        Recorder {
+            gpu: self.clone(),
+            encoder: Encoder::Own(encoder),
+            open: None,
+            marks: self.timer().begin(self.device()),
+        }
+    }
+}
+
+impl<'e> Recorder<'e> {
+    /// Begins recording into the caller's encoder, which the caller submits.
+    pub fn within(gpu: &Gpu, encoder: &'e mut wgpu::CommandEncoder) -> Recorder<'e> {
+        Recorder {
+            gpu: gpu.clone(),
+            encoder: Encoder::Callers(encoder),
+            open: None,
+            marks: None,
+        }
+    }
+
+    /// The device recorded for.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// The encoder itself, for copies and clears; ends the open compute pass.
+    pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
+        self.open = None;
+        match &mut self.encoder {
+            Encoder::Own(encoder) => encoder,
+            Encoder::Callers(encoder) => encoder,
+        }
+    }
+
+    /// Records a compute dispatch under `name`.
+    pub(super) fn compute(&mut self, name: &str, dispatch: impl FnOnce(&mut wgpu::ComputePass)) {
+        if let Some(marks) = &mut self.marks
+            && let Some((queries, start, end)) = marks.next(name)
+        {
+            let mut pass = self
+                .encoder()
+                .begin_compute_pass(&wgpu::ComputePassDescriptor {
+                    label: Some(name),
+                    timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
+                        query_set: &queries,
+                        beginning_of_pass_write_index: Some(start),
+                        end_of_pass_write_index: Some(end),
+                    }),
+                });
+            dispatch(&mut pass);
+            return;
+        }
+        let mut pass = match self.open.take() {
+            Some(pass) => pass,
+            None => self
+                .encoder()
+                .begin_compute_pass(&wgpu::ComputePassDescriptor::default())
+                .forget_lifetime(),
+        };
+        dispatch(&mut pass);
+        self.open = Some(pass);
+    }
+
+    /// Opens a render pass under `name`.
+    pub fn render_pass<'p>(
+        &'p mut self,
+        name: &str,
+        colours: &[Option<wgpu::RenderPassColorAttachment<'_>>],
+        depth: Option<wgpu::RenderPassDepthStencilAttachment<'_>>,
+    ) -> wgpu::RenderPass<'p> {
+        let mark = self.marks.as_mut().and_then(|marks| marks.next(name));
+        self.encoder()
+            .begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some(name),
+                color_attachments: colours,
+                depth_stencil_attachment: depth,
+                timestamp_writes: mark.as_ref().map(|(queries, start, end)| {
+                    wgpu::RenderPassTimestampWrites {
+                        query_set: queries,
+                        beginning_of_pass_write_index: Some(*start),
+                        end_of_pass_write_index: Some(*end),
+                    }
+                }),
+                occlusion_query_set: None,
+                multiview_mask: None,
+            })
+    }
+
+    /// Copies the whole of one array into another of the same kind and length.
+    pub fn copy_array(&mut self, from: &Array, to: &Array) {
+        debug_assert_eq!((from.texel(), from.len()), (to.texel(), to.len()));
+        self.encoder().copy_texture_to_texture(
+            from.texture().as_image_copy(),
+            to.texture().as_image_copy(),
+            from.texture().size(),
+        );
+    }
+
+    /// Submits what was recorded, if the encoder is Palpate's own; the caller's is left to the
+    /// caller. Does not wait.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn submit(mut self) -> Result<()> {
+        self.open = None;
+        if let Some(marks) = self.marks.take() {
+            let gpu = self.gpu.clone();
+            marks.resolve(&gpu, self.encoder());
+        }
+        if let Encoder::Own(encoder) = self.encoder {
+            self.gpu.queue().submit([encoder.finish()]);
+        }
+        self.gpu.check()
+    }
+}

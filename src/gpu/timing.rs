@@ -1,0 +1,110 @@
+//! GPU time of each pass, by timestamps, where the adapter has them.
+
+use super::Gpu;
+use super::device::lock;
+use crate::Result;
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Passes timed in one recording; later ones go untimed. WebGPU's limit is 4096 queries a set.
+const TIMED_PASSES: u32 = 2048;
+
+/// Collects the timestamps of every recording made while timing is on.
+#[derive(Debug)]
+pub(super) struct Timer {
+    on: AtomicBool,
+    /// Nanoseconds a tick; `None` where the device has no timestamps.
+    period: Option<f32>,
+    pending: Mutex<Vec<(Vec<String>, wgpu::Buffer)>>,
+}
+
+/// The timestamps of one recording.
+pub(super) struct Marks {
+    queries: wgpu::QuerySet,
+    names: Vec<String>,
+}
+
+impl Timer {
+    pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Timer {
+        let timed = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        Timer {
+            on: AtomicBool::new(false),
+            period: timed.then(|| queue.get_timestamp_period()),
+            pending: Mutex::default(),
+        }
+    }
+
+    pub(super) fn begin(&self, device: &wgpu::Device) -> Option<Marks> {
+        let wanted = self.on.load(Ordering::Relaxed) && self.period.is_some();
+        wanted.then(|| Marks {
+            queries: device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("pass times"),
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * TIMED_PASSES,
+            }),
+            names: Vec::new(),
+        })
+    }
+}
+
+impl Marks {
+    /// The query set and the two queries of the next pass.
+    pub(super) fn next(&mut self, name: &str) -> Option<(wgpu::QuerySet, u32, u32)> {
+        let pass = self.names.len() as u32;
+        (pass < TIMED_PASSES).then(|| {
+            self.names.push(name.to_owned());
+            (self.queries.clone(), 2 * pass, 2 * pass + 1)
+        })
+    }
+
+    pub(super) fn resolve(self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+        if self.names.is_empty() {
+            return;
+        }
+        let count = 2 * self.names.len() as u32;
+        let buffer = |usage| {
+            gpu.device().create_buffer(&wgpu::BufferDescriptor {
+                label: Some("pass times"),
+                size: u64::from(count) * 8,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let resolved = buffer(wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC);
+        let mappable = buffer(wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
+        encoder.resolve_query_set(&self.queries, 0..count, &resolved, 0);
+        encoder.copy_buffer_to_buffer(&resolved, 0, &mappable, 0, u64::from(count) * 8);
+        lock(&gpu.timer().pending).push((self.names, mappable));
+    }
+}
+
+impl Gpu {
+    /// Turns timing of passes on or off, for recordings begun from now on. Timed passes no
+    /// longer share a WebGPU pass, which costs a little.
+    pub fn time_passes(&self, on: bool) {
+        self.timer().on.store(on, Ordering::Relaxed);
+    }
+
+    /// Milliseconds spent in each pass, by name and summed, in recordings submitted since the
+    /// last call; empty where the adapter has no timestamps. Waits for the device.
+    ///
+    /// # Errors
+    /// As [`Gpu::wait`].
+    pub fn timings(&self) -> Result<BTreeMap<String, f64>> {
+        let pending = std::mem::take(&mut *lock(&self.timer().pending));
+        let mut times = BTreeMap::new();
+        let Some(period) = self.timer().period else {
+            return Ok(times);
+        };
+        for (names, buffer) in pending {
+            let ticks: Vec<u64> = self.map(&buffer)?;
+            for (name, pair) in names.into_iter().zip(ticks.chunks_exact(2)) {
+                let milliseconds =
+                    pair[1].saturating_sub(pair[0]) as f64 * f64::from(period) * 1e-6;
+                *times.entry(name).or_insert(0.0) += milliseconds;
+            }
+        }
+        Ok(times)
+    }
+}
