@@ -3,12 +3,14 @@
 //! Nothing here knows of files or of the GPU.
 
 mod field;
+mod frame;
 pub mod generate;
 mod order;
 mod repair;
 mod topology;
 
 pub use field::{Field, Location, ScalarType};
+pub use frame::LocalFrame;
 pub use order::morton_order;
 pub use repair::Repairs;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
