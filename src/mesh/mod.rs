@@ -2,16 +2,22 @@
 //!
 //! Nothing here knows of files or of the GPU.
 
+mod boundary;
 mod field;
 mod frame;
 pub mod generate;
 mod order;
+mod quality;
 mod repair;
 mod topology;
 
+pub use boundary::{BoundaryShape, components};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub use order::morton_order;
+pub use quality::{
+    DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
+};
 pub use repair::Repairs;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
 

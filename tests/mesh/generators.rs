@@ -3,9 +3,9 @@
 use crate::support::check_generated;
 use glam::{DMat3, DVec3};
 use palpate::mesh::generate::{
-    Bore, Split, bar_of_about, benchmark_cube, box_mesh, duct, paper_bar,
+    Bore, Split, ball, bar_of_about, benchmark_cube, box_mesh, duct, paper_bar,
 };
-use palpate::mesh::{Location, TetMesh, Topology, morton_order};
+use palpate::mesh::{Location, QualityReport, TetMesh, Topology, morton_order};
 
 #[test]
 fn boxes_have_the_volume_and_counts_of_their_cells() {
@@ -180,4 +180,25 @@ fn morton_order_is_a_permutation_that_shortens_the_way() {
         spread(&order),
         spread(&by_file)
     );
+}
+
+#[test]
+fn balls_are_round_and_well_shaped() {
+    for cells in [2, 5, 10, 24] {
+        let mesh = ball(0.5, cells).unwrap();
+        assert_eq!(check_generated(&mesh), 2);
+        let q = QualityReport::new(&mesh);
+        let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.125;
+        assert!(q.min_dihedral > 10.0, "{cells}: {}", q.min_dihedral);
+        assert_eq!(q.slivers, 0);
+        // The surface is inscribed: too small by the square of the cell size.
+        let missing = 1.0 - mesh.volume() / exact;
+        assert!(
+            missing > 0.0 && missing < 1.5 / (cells * cells) as f64,
+            "{missing}"
+        );
+        let reach = mesh.nodes.iter().map(|p| p.length()).fold(0.0, f64::max);
+        assert!((reach - 0.5).abs() < 1e-9, "{reach}");
+    }
+    assert!(ball(1.0, 1).is_err() && ball(f64::INFINITY, 8).is_err() && ball(1.0, 99_999).is_err());
 }

@@ -2,4 +2,5 @@
 #![allow(clippy::unwrap_used)]
 
 mod generators;
+mod quality;
 mod support;

@@ -3,11 +3,14 @@
 //! All of them are deterministic, positively oriented, of one component, and have a closed
 //! boundary without non-manifold edges.
 
+mod ball;
 mod bar;
 mod benchmark;
 mod duct;
 mod grid;
+mod stuffing;
 
+pub use ball::ball;
 pub use bar::{PAPER_BAR_CELLS, PAPER_BAR_SIZE, bar, bar_of_about, paper_bar};
 pub use benchmark::benchmark_cube;
 pub use duct::{Bore, duct};

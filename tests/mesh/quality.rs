@@ -1,0 +1,89 @@
+//! Dihedral angles and quality against tets whose numbers are known.
+
+use approx::assert_relative_eq;
+use glam::{DQuat, DVec3};
+use palpate::mesh::generate::{Split, ball, box_mesh};
+use palpate::mesh::{QualityReport, TetMesh, dihedral_angles, tet_quality};
+
+fn regular() -> [DVec3; 4] {
+    [
+        DVec3::new(1.0, 1.0, 1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+        DVec3::new(-1.0, -1.0, 1.0),
+    ]
+}
+
+#[test]
+fn a_regular_tet_is_the_best() {
+    let q = tet_quality(regular().map(|p| 1e-3 * p + DVec3::splat(7.0)));
+    assert_relative_eq!(q.shape, 1.0, epsilon = 1e-9);
+    assert_relative_eq!(
+        q.min_dihedral,
+        (1.0f64 / 3.0).acos().to_degrees(),
+        epsilon = 1e-9
+    );
+    assert_relative_eq!(q.max_dihedral, q.min_dihedral, epsilon = 1e-9);
+}
+
+#[test]
+fn angles_are_given_at_the_right_edges_and_do_not_depend_on_place_or_size() {
+    // The corner of a cube: 90° at the three edges from the corner, 54.7° at the others.
+    let corner = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+    let other = 3.0f64.sqrt().recip().acos().to_degrees();
+    let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -2.0);
+    for v in [corner, corner.map(|p| turn * p * 1e-4 - DVec3::ONE)] {
+        let angles = dihedral_angles(v);
+        for (angle, exact) in angles.iter().zip([90.0, 90.0, 90.0, other, other, other]) {
+            assert_relative_eq!(*angle, exact, epsilon = 1e-6);
+        }
+    }
+}
+
+#[test]
+fn flat_inverted_and_collapsed_tets_are_told_apart() {
+    let [a, b, c, d] = regular();
+    assert_relative_eq!(
+        tet_quality([a, b, c, d]).shape,
+        -tet_quality([b, a, c, d]).shape
+    );
+    let flat = tet_quality([DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y]);
+    assert_eq!(flat.shape, 0.0);
+    assert_relative_eq!(flat.max_dihedral, 180.0);
+    let point = tet_quality([DVec3::ONE; 4]);
+    assert_eq!((point.shape, point.min_dihedral), (0.0, 0.0));
+}
+
+#[test]
+fn a_report_counts_every_angle_and_lists_the_worst_first() {
+    let mut mesh = box_mesh([20, 20, 20], DVec3::ONE, Split::Five).unwrap();
+    let q = QualityReport::new(&mesh);
+    assert_eq!(
+        q.dihedral_histogram.iter().sum::<usize>(),
+        6 * mesh.tets.len()
+    );
+    // Of each cell's 30 angles 12 are right, 6 are those of the regular tet, 12 are 54.7°.
+    assert_eq!(q.dihedral_histogram[5], 8_000 * 12);
+    assert_eq!(q.dihedral_histogram[7], 8_000 * 6);
+    assert_eq!(q.slivers, 0);
+    assert_relative_eq!(q.max_dihedral, 90.0, epsilon = 1e-9);
+    let mean = (1.0 + 4.0 * tet_quality([DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]).shape) / 5.0;
+    assert_relative_eq!(q.mean, mean, epsilon = 1e-9);
+
+    // Pull a corner nearly into the opposite face of its tet.
+    let [_, b, c, d] = mesh.tet_nodes(12_345);
+    mesh.nodes[mesh.tets[12_345][0] as usize] = (b + c + d) / 3.0;
+    let q = QualityReport::new(&mesh);
+    let ordered = q.worst.windows(2).all(|w| w[0].quality <= w[1].quality);
+    assert!(ordered && q.worst.len() == 10);
+    assert!(q.slivers >= 1 && q.min == q.worst[0].quality);
+    assert!(q.worst.iter().any(|w| w.tet == 12_345));
+    assert!((0..mesh.tets.len()).all(|t| tet_quality(mesh.tet_nodes(t)).shape >= q.min));
+}
+
+#[test]
+fn the_report_is_the_same_on_every_run_and_nothing_is_asked_of_an_empty_mesh() {
+    let mesh = ball(1.0, 12).unwrap();
+    assert_eq!(QualityReport::new(&mesh), QualityReport::new(&mesh));
+    assert!(QualityReport::new(&TetMesh::default()).worst.is_empty());
+}
