@@ -11,5 +11,6 @@ pub mod error;
 pub mod gpu;
 pub mod io;
 pub mod mesh;
+pub mod scene;
 
 pub use error::{Error, Result};

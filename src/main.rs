@@ -1,3 +1,9 @@
-//! The `palpate` command line.
+//! The `palpate` command line; everything it does is in [`cli`] and the library.
 
-fn main() {}
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::main()
+}

@@ -56,16 +56,7 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::new`].
     pub fn with_adapter(wanted: Option<&str>) -> Result<Gpu> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-            // Vulkan, Metal and DirectX 12: the software rasteriser's OpenGL twin is slower.
-            backends: wgpu::Backends::PRIMARY,
-            // Indirect arguments are written by our own shaders only, and checking each of them
-            // costs a dispatch: no VALIDATION_INDIRECT_CALL.
-            flags: wgpu::InstanceFlags::empty().with_env(),
-            ..wgpu::InstanceDescriptor::new_without_display_handle()
-        });
-        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
-        adapters.sort_by_key(|a| rank(a.get_info().device_type));
+        let adapters = enumerate();
         let adapter = choose(&adapters, wanted)?;
         let info = adapter.get_info();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
@@ -133,15 +124,15 @@ impl Gpu {
 
     /// The adapter in one line: name, kind and backend.
     pub fn adapter_name(&self) -> String {
-        let a = self.adapter();
-        let kind = match a.device_type {
-            wgpu::DeviceType::Cpu => "software",
-            wgpu::DeviceType::DiscreteGpu => "discrete GPU",
-            wgpu::DeviceType::IntegratedGpu => "integrated GPU",
-            wgpu::DeviceType::VirtualGpu => "virtual GPU",
-            wgpu::DeviceType::Other => "other",
-        };
-        format!("{} ({kind}, {:?})", a.name, a.backend)
+        describe(self.adapter())
+    }
+
+    /// All adapters here in the order of choice, one line each.
+    pub fn adapters() -> Vec<String> {
+        enumerate()
+            .iter()
+            .map(|a| describe(&a.get_info()))
+            .collect()
     }
 
     /// Whether the device was made with all of `features`.
@@ -228,6 +219,32 @@ fn note(trouble: &Mutex<Option<Trouble>>, what: Trouble) {
     if trouble.is_none() || (!lost_already && matches!(what, Trouble::Lost(_))) {
         *trouble = Some(what);
     }
+}
+
+/// All adapters, most capable first.
+fn enumerate() -> Vec<wgpu::Adapter> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        // Vulkan, Metal and DirectX 12: the software rasteriser's OpenGL twin is slower.
+        backends: wgpu::Backends::PRIMARY,
+        // Indirect arguments are written by our own shaders only, and checking each of them
+        // costs a dispatch: no VALIDATION_INDIRECT_CALL.
+        flags: wgpu::InstanceFlags::empty().with_env(),
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    });
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+    adapters.sort_by_key(|a| rank(a.get_info().device_type));
+    adapters
+}
+
+fn describe(a: &wgpu::AdapterInfo) -> String {
+    let kind = match a.device_type {
+        wgpu::DeviceType::Cpu => "software",
+        wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+        wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+        wgpu::DeviceType::VirtualGpu => "virtual GPU",
+        wgpu::DeviceType::Other => "other",
+    };
+    format!("{} ({kind}, {:?})", a.name, a.backend)
 }
 
 fn rank(kind: wgpu::DeviceType) -> u8 {

@@ -1,0 +1,70 @@
+//! The command line: one file a subcommand.
+
+use clap::{Parser, Subcommand};
+use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Press on a body and see inside it while it gives.
+#[derive(Parser)]
+#[command(version, about, propagate_version = true)]
+struct Arguments {
+    /// The graphics adapter: part of its name, its index in `palpate adapters`, or cpu
+    #[arg(long, global = true, env = ADAPTER_VARIABLE)]
+    adapter: Option<String>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// List the graphics adapters, best first
+    Adapters,
+}
+
+/// How a command ended, when nothing went wrong.
+pub enum Outcome {
+    /// All is well.
+    Done,
+}
+
+/// Parses the arguments, runs the command, and turns what happened into an exit code: 0 done,
+/// 1 failed (or `compare` found a difference), 2 wrong arguments.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(&arguments) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Nothing is left to tell it to if standard error is closed too.
+            let _ = writeln!(std::io::stderr(), "palpate: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let adapter = arguments.adapter.as_deref();
+    match &arguments.command {
+        Command::Adapters => adapters(adapter),
+    }
+}
+
+fn adapters(wanted: Option<&str>) -> anyhow::Result<Outcome> {
+    let mut out = std::io::stdout().lock();
+    let chosen = Gpu::with_adapter(wanted)?.adapter_name();
+    for (i, name) in Gpu::adapters().iter().enumerate() {
+        let mark = if *name == chosen { "*" } else { " " };
+        writeln!(out, "{mark} {i}: {name}")?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Whether the reader of our output went away, which is its right.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause
+            .downcast_ref::<std::io::Error>()
+            .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+    })
+}

@@ -1,0 +1,262 @@
+//! A scene: a TOML file that names a mesh, a material, a solver, what holds and what pulls, a
+//! camera, a transfer function and a picture. Everything has a default but the mesh.
+//!
+//! ```toml
+//! [mesh]
+//! file = "liver.vtu"      # beside the scene file; or generate = "limb", tets = 100000
+//! unit = "mm"             # what one unit of the mesh is; physics needs to know
+//!
+//! [material]
+//! young = 2e4             # Pa; or stiffness = 3000 (N/m, every spring alike)
+//!
+//! [solver]
+//! name = "implicit"
+//! dt = 0.01               # s
+//! steps = 100
+//!
+//! [[pin]]                 # nodes that stay where they are
+//! axis = "z"
+//! below = 0.05            # the lowest 5 % of the bounds
+//!
+//! [[force]]
+//! on = { axis = "z", above = 0.95 }
+//! total = [0.0, -2.0, 0.0]  # N, shared by the nodes of the region
+//!
+//! [picture]
+//! field = "intensity"
+//! transfer = "muscle"
+//! size = [1024, 768]
+//! ```
+
+mod region;
+
+pub use region::{Axis, Region};
+
+use crate::{Error, Result};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Everything needed to make a picture or a series; see the [module](self) for the file.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Where the mesh comes from.
+    pub mesh: MeshSource,
+    /// What the body is made of.
+    #[serde(default)]
+    pub material: MaterialEntry,
+    /// How it moves; with no solver named it does not.
+    #[serde(default)]
+    pub solver: SolverEntry,
+    /// Nodes that stay where they are.
+    #[serde(default)]
+    pub pin: Vec<Region>,
+    /// Forces on groups of nodes.
+    #[serde(default)]
+    pub force: Vec<ForceEntry>,
+    /// The view; the whole mesh is framed where nothing else is said.
+    #[serde(default)]
+    pub camera: CameraEntry,
+    /// The picture.
+    #[serde(default)]
+    pub picture: PictureEntry,
+}
+
+/// Where the mesh comes from: a file, or a generator.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshSource {
+    /// A mesh file, beside the scene file unless absolute.
+    pub file: Option<PathBuf>,
+    /// A generator's name, instead of a file.
+    pub generate: Option<String>,
+    /// About how many tets the generator makes.
+    pub tets: Option<usize>,
+    /// What one unit of the mesh is: `m` (the default), `cm`, `mm`, `um`, or a number of metres.
+    pub unit: Option<Unit>,
+}
+
+/// A length unit by name or in metres.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub enum Unit {
+    /// Metres in one unit.
+    Metres(f64),
+    /// `m`, `cm`, `mm`, `um`, `in`.
+    Name(String),
+}
+
+impl Unit {
+    /// Metres in one unit.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for an unknown name or a length that is not positive.
+    pub fn metres(&self) -> Result<f64> {
+        match self {
+            Unit::Metres(m) if m.is_finite() && *m > 0.0 => Ok(*m),
+            Unit::Metres(m) => Err(Error::Input(format!(
+                "unit = {m}: metres in one unit of the mesh, a positive number, are expected"
+            ))),
+            Unit::Name(name) => match name.as_str() {
+                "m" => Ok(1.0),
+                "cm" => Ok(1e-2),
+                "mm" => Ok(1e-3),
+                "um" => Ok(1e-6),
+                "in" => Ok(0.0254),
+                other => Err(Error::Input(format!(
+                    "unit \"{other}\" is not known; use m, cm, mm, um, in, or metres as a number"
+                ))),
+            },
+        }
+    }
+}
+
+/// What the body is made of. Stiffness is Young's modulus unless `stiffness` is given.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialEntry {
+    /// Young's modulus in Pa, at ν = ¼.
+    pub young: Option<f64>,
+    /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
+    pub stiffness: Option<f64>,
+    /// Density in kg/m³.
+    pub density: Option<f64>,
+    /// Damping κ_d of each spring, in N·s/m.
+    pub damping: Option<f64>,
+    /// `axial` or `relative` (the paper's).
+    pub damping_kind: Option<String>,
+    /// Young's modulus by tissue: value of the cell field `label` → Pa.
+    #[serde(default)]
+    pub young_of_label: BTreeMap<String, f64>,
+}
+
+/// How the body moves.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SolverEntry {
+    /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`.
+    pub name: Option<String>,
+    /// Step size in seconds.
+    pub dt: Option<f64>,
+    /// Steps before the picture, or between two frames of a series.
+    pub steps: Option<u32>,
+    /// Gravity in m/s².
+    pub gravity: Option<[f64; 3]>,
+    /// Conjugate gradients: most iterations a step.
+    pub iterations: Option<u32>,
+    /// Conjugate gradients: residual, relative to the right-hand side, at which they stop.
+    pub tolerance: Option<f64>,
+}
+
+/// A force shared by the nodes of a region.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ForceEntry {
+    /// Which nodes.
+    pub on: Region,
+    /// The sum of the forces on them, in N.
+    pub total: [f64; 3],
+}
+
+/// The view, in the units of the mesh file.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraEntry {
+    /// Where the camera is.
+    pub eye: Option<[f64; 3]>,
+    /// What it looks at.
+    pub look_at: Option<[f64; 3]>,
+    /// Which way is up.
+    pub up: Option<[f64; 3]>,
+    /// Vertical field of view, in degrees.
+    pub fov: Option<f64>,
+    /// Height of the view for an orthographic camera, instead of `fov`.
+    pub orthographic: Option<f64>,
+}
+
+/// The picture.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PictureEntry {
+    /// The node field that is seen; the first scalar there is, or the depth below the surface.
+    pub field: Option<String>,
+    /// A preset's name or a JSON file beside the scene file.
+    pub transfer: Option<String>,
+    /// Width and height in pixels.
+    pub size: Option<[u32; 2]>,
+    /// `composite`, `thickness` or `surface`.
+    pub mode: Option<String>,
+    /// `vertices` or `planes`.
+    pub walk: Option<String>,
+    /// `transparent`, `black`, `white`, or three numbers.
+    pub background: Option<Background>,
+    /// The most surface layers a ray may enter.
+    pub layers: Option<u32>,
+    /// Bits a channel of a PNG: 8 or 16.
+    pub bits: Option<u32>,
+}
+
+/// What is behind the volume.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub enum Background {
+    /// Red, green, blue in 0..1.
+    Colour([f32; 3]),
+    /// `transparent`, `black` or `white`.
+    Name(String),
+}
+
+impl Background {
+    /// The colour, or `None` for a transparent background.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for an unknown name.
+    pub fn colour(&self) -> Result<Option<[f32; 3]>> {
+        match self {
+            Background::Colour(c) => Ok(Some(*c)),
+            Background::Name(name) => match name.as_str() {
+                "transparent" => Ok(None),
+                "black" => Ok(Some([0.0; 3])),
+                "white" => Ok(Some([1.0; 3])),
+                other => Err(Error::Input(format!(
+                    "background \"{other}\" is not known; use transparent, black, white or three numbers [r, g, b]"
+                ))),
+            },
+        }
+    }
+}
+
+impl Scene {
+    /// Reads a scene file; paths in it are made relative to its folder.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Format`] with the line that is wrong.
+    pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
+        let path = path.as_ref();
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let mut scene: Scene =
+            toml::from_str(&text).map_err(|e| Error::format(path, e.to_string()))?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        if let Some(file) = &mut scene.mesh.file {
+            *file = folder.join(&file);
+        }
+        if let Some(transfer) = &mut scene.picture.transfer
+            && transfer.ends_with(".json")
+        {
+            *transfer = folder.join(&transfer).to_string_lossy().into_owned();
+        }
+        Ok(scene)
+    }
+
+    /// The scene that a mesh file alone makes: at rest, framed, everything by default.
+    pub fn of_mesh(path: impl AsRef<Path>) -> Scene {
+        Scene {
+            mesh: MeshSource {
+                file: Some(path.as_ref().to_path_buf()),
+                ..MeshSource::default()
+            },
+            ..Scene::default()
+        }
+    }
+}

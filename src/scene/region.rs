@@ -1,0 +1,109 @@
+//! Groups of nodes named by where they are or what they are part of.
+
+use crate::mesh::{Location, TetMesh};
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::Deserialize;
+
+/// A group of nodes: those that meet every condition given. Lengths are in the mesh's units.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Region {
+    /// Inside the axis-aligned box between these corners.
+    #[serde(rename = "box")]
+    pub inside: Option<[[f64; 3]; 2]>,
+    /// Inside the sphere [x, y, z, radius].
+    pub sphere: Option<[f64; 4]>,
+    /// The axis that `below` and `above` speak of: `x`, `y` or `z`.
+    pub axis: Option<Axis>,
+    /// In the lowest part of the bounds along `axis`: a fraction, 0..1.
+    pub below: Option<f64>,
+    /// Above this fraction of the bounds along `axis`, 0..1.
+    pub above: Option<f64>,
+    /// Corners of tets whose cell field `label` has this value.
+    pub label: Option<f64>,
+}
+
+/// A coordinate axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+impl Region {
+    /// The nodes of `mesh` in this region, in order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the region is described wrongly or holds no node.
+    pub fn nodes(&self, mesh: &TetMesh) -> Result<Vec<u32>> {
+        self.check()?;
+        let bounds = mesh.bounds();
+        let labelled = self.label.map(|l| labelled_nodes(mesh, l)).transpose()?;
+        let nodes: Vec<u32> = (0..mesh.nodes.len())
+            .filter(|i| self.holds(mesh.nodes[*i], bounds))
+            .filter(|i| labelled.as_ref().is_none_or(|l| l[*i]))
+            .map(|i| i as u32)
+            .collect();
+        if nodes.is_empty() {
+            return Err(Error::Input(format!(
+                "the region {self:?} holds no node of the mesh, whose bounds are {} to {}",
+                bounds.0, bounds.1
+            )));
+        }
+        Ok(nodes)
+    }
+
+    fn check(&self) -> Result<()> {
+        let along = self.below.is_some() || self.above.is_some();
+        if along != self.axis.is_some() {
+            return Err(Error::Input(
+                "a region along an axis needs `axis` and `below` or `above`".into(),
+            ));
+        }
+        if !along && self.inside.is_none() && self.sphere.is_none() && self.label.is_none() {
+            return Err(Error::Input(
+                "a region needs one of box, sphere, axis with below or above, label".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Whether point `p` meets every condition on its place.
+    fn holds(&self, p: DVec3, (low, high): (DVec3, DVec3)) -> bool {
+        let in_box = self.inside.is_none_or(|[a, b]| {
+            let (a, b) = (DVec3::from(a), DVec3::from(b));
+            p.cmpge(a.min(b)).all() && p.cmple(a.max(b)).all()
+        });
+        let in_sphere = self
+            .sphere
+            .is_none_or(|[x, y, z, r]| p.distance(DVec3::new(x, y, z)) <= r);
+        let in_slab = self.axis.is_none_or(|axis| {
+            let axis = axis as usize;
+            let at = |f: f64| low[axis] + f * (high[axis] - low[axis]);
+            self.below.is_none_or(|f| p[axis] <= at(f))
+                && self.above.is_none_or(|f| p[axis] >= at(f))
+        });
+        in_box && in_sphere && in_slab
+    }
+}
+
+fn labelled_nodes(mesh: &TetMesh, label: f64) -> Result<Vec<bool>> {
+    let field = mesh.field("label", Location::Cell).ok_or_else(|| {
+        Error::Input(
+            "a region by label needs a cell field called `label`, which the mesh has not".into(),
+        )
+    })?;
+    let mut chosen = vec![false; mesh.nodes.len()];
+    for (tet, value) in mesh.tets.iter().zip(&field.values) {
+        if *value == label {
+            for v in tet {
+                chosen[*v as usize] = true;
+            }
+        }
+    }
+    Ok(chosen)
+}
