@@ -3,6 +3,8 @@
 //! Nothing here knows of files or of the GPU.
 
 mod boundary;
+mod describe;
+mod distance;
 mod field;
 mod frame;
 pub mod generate;
@@ -12,6 +14,8 @@ mod repair;
 mod topology;
 
 pub use boundary::{BoundaryShape, components};
+pub use describe::{Description, FieldDescription};
+pub use distance::{DEPTH, depth_field, point_triangle_distance};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub use order::morton_order;

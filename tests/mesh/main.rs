@@ -1,6 +1,10 @@
 //! Meshes: generators, topology, quality, description and repairs.
 #![allow(clippy::unwrap_used)]
 
+mod describe;
+mod distance;
 mod generators;
 mod quality;
+mod repairs;
 mod support;
+mod topology;

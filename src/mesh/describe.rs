@@ -1,0 +1,307 @@
+//! What is in a mesh, and what is wrong with it: the content of `palpate info`.
+
+use super::{
+    BoundaryShape, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
+};
+use rayon::slice::ParallelSliceMut;
+use std::fmt;
+
+/// Everything `palpate info` tells of a mesh; its JSON keys are the names of these members.
+/// Lengths and volumes are in the units of the file.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Description {
+    /// Nodes that tets use.
+    pub nodes: usize,
+    /// Tets that are left after the repairs.
+    pub tets: usize,
+    /// Faces that belong to one tet only.
+    pub boundary_faces: usize,
+    /// Sum of the volumes of the tets.
+    pub volume: f64,
+    /// Lower and upper corner of the box around the nodes.
+    pub bounds: [[f64; 3]; 2],
+    /// Pieces of tets connected by faces.
+    pub components: usize,
+    /// Nodes − edges + faces of the boundary: 2 for each sphere, 0 for each torus.
+    pub euler_number: i64,
+    /// Whether every boundary edge belongs to an even number of boundary faces.
+    pub closed: bool,
+    /// Whether every boundary edge belongs to exactly two boundary faces.
+    pub edge_manifold: bool,
+    /// Whether, on top of that, the boundary faces at every node form a single fan.
+    pub vertex_manifold: bool,
+    /// Boundary edges that do not belong to exactly two boundary faces.
+    pub nonmanifold_edges: usize,
+    /// Boundary nodes whose boundary faces do not form a single fan.
+    pub nonmanifold_nodes: usize,
+    /// Nodes that lie exactly where an earlier node lies.
+    pub coincident_nodes: usize,
+    /// Tets whose orientation was flipped.
+    pub inverted_fixed: usize,
+    /// Tets dropped for a repeated corner or zero volume.
+    pub degenerate: usize,
+    /// Tets dropped because the same four nodes came before.
+    pub repeated: usize,
+    /// Nodes dropped because no tet uses them.
+    pub unused_nodes: usize,
+    /// Faces shared by more than two tets, treated as boundary of each.
+    pub crowded_faces: usize,
+    /// Dihedral angles and the worst tets.
+    pub quality: QualityReport,
+    /// Every field.
+    pub fields: Vec<FieldDescription>,
+    /// What was repaired and what is odd, in words.
+    pub warnings: Vec<String>,
+}
+
+/// What `palpate info` tells of a field.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FieldDescription {
+    /// Its name in the file.
+    pub name: String,
+    /// Nodes or cells.
+    pub location: Location,
+    /// Numbers in a tuple.
+    pub components: usize,
+    /// Smallest finite value, of the tuples' lengths when there are several components; none
+    /// when nothing is finite.
+    pub min: Option<f64>,
+    /// Largest finite value, likewise.
+    pub max: Option<f64>,
+}
+
+impl FieldDescription {
+    fn new(field: &Field) -> FieldDescription {
+        let range = field.range();
+        FieldDescription {
+            name: field.name.clone(),
+            location: field.location,
+            components: field.components,
+            min: range.map(|r| r.0),
+            max: range.map(|r| r.1),
+        }
+    }
+}
+
+impl Description {
+    /// Looks at everything in `mesh`. Time O(n log n), in parallel.
+    pub fn new(mesh: &TetMesh) -> Description {
+        let topology = Topology::new(mesh);
+        let shape = BoundaryShape::new(mesh, &topology);
+        let (low, high) = mesh.bounds();
+        let repairs = &mesh.repairs;
+        let mut description = Description {
+            nodes: mesh.nodes.len(),
+            tets: mesh.tets.len(),
+            boundary_faces: shape.faces,
+            volume: mesh.volume(),
+            bounds: [low.to_array(), high.to_array()],
+            components: components(&topology).1,
+            euler_number: shape.euler_number(),
+            closed: shape.closed,
+            edge_manifold: shape.is_edge_manifold(),
+            vertex_manifold: shape.is_vertex_manifold(),
+            nonmanifold_edges: shape.odd_edges.len(),
+            nonmanifold_nodes: shape.odd_nodes.len(),
+            coincident_nodes: coincident_nodes(mesh),
+            inverted_fixed: repairs.inverted_fixed,
+            degenerate: repairs.degenerate,
+            repeated: repairs.repeated,
+            unused_nodes: repairs.unused_nodes,
+            crowded_faces: repairs.crowded_faces,
+            quality: QualityReport::new(mesh),
+            fields: mesh.fields.iter().map(FieldDescription::new).collect(),
+            warnings: repairs.warnings.clone(),
+        };
+        description.warn(mesh);
+        description
+    }
+
+    fn warn(&mut self, mesh: &TetMesh) {
+        let mut warn = |count: usize, what: &str| {
+            if count > 0 {
+                self.warnings.push(format!("{count} {what}"));
+            }
+        };
+        warn(
+            self.nonmanifold_edges,
+            "boundary edges do not belong to exactly two boundary faces",
+        );
+        warn(
+            self.nonmanifold_nodes,
+            "boundary nodes join parts of the boundary that touch there only",
+        );
+        warn(
+            self.coincident_nodes,
+            "nodes lie exactly where another one lies; the mesh is not connected there",
+        );
+        if self.components > 1 {
+            warn(
+                self.components,
+                "separate pieces: each needs a support of its own in a simulation",
+            );
+        }
+        for field in &mesh.fields {
+            let odd = field.values.iter().filter(|x| !x.is_finite()).count();
+            let what = format!("values of field \"{}\" are not finite numbers", field.name);
+            warn(odd, &what);
+        }
+    }
+}
+
+/// Number of nodes that lie exactly where an earlier one lies.
+fn coincident_nodes(mesh: &TetMesh) -> usize {
+    // Adding zero turns −0 into 0.
+    let mut keys: Vec<[u64; 3]> = mesh
+        .nodes
+        .iter()
+        .map(|p| (*p + 0.0).to_array().map(f64::to_bits))
+        .collect();
+    keys.par_sort_unstable();
+    keys.windows(2).filter(|w| w[0] == w[1]).count()
+}
+
+impl fmt::Display for Description {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [low, high] = self.bounds;
+        let yes = |flag: bool, what: &'static str, no: &'static str| if flag { what } else { no };
+        row(f, "nodes", grouped(self.nodes))?;
+        row(f, "tets", grouped(self.tets))?;
+        row(f, "boundary faces", grouped(self.boundary_faces))?;
+        row(
+            f,
+            "boundary",
+            format!(
+                "{}, {}, Euler number {}",
+                yes(self.closed, "closed", "open"),
+                match (self.edge_manifold, self.vertex_manifold) {
+                    (true, true) => "manifold",
+                    (true, false) => "edge-manifold, but pinched at nodes",
+                    _ => "not manifold",
+                },
+                self.euler_number
+            ),
+        )?;
+        row(f, "components", self.components.to_string())?;
+        row(f, "volume", number(self.volume))?;
+        for (axis, name) in ["x", "y", "z"].iter().enumerate() {
+            row(
+                f,
+                name,
+                format!(
+                    "{} … {}  (size {})",
+                    number(low[axis]),
+                    number(high[axis]),
+                    number(high[axis] - low[axis])
+                ),
+            )?;
+        }
+        self.quality.fmt(f)?;
+        if !self.fields.is_empty() {
+            writeln!(f, "fields")?;
+        }
+        let width = self.fields.iter().map(|f| f.name.chars().count()).max();
+        for field in &self.fields {
+            let kind = match field.components {
+                1 => "scalar".into(),
+                n => format!("{n} components"),
+            };
+            let range = match (field.min, field.max) {
+                (Some(min), Some(max)) => format!("{} … {}", number(min), number(max)),
+                _ => "no finite value".into(),
+            };
+            let length = yes(field.components > 1, " (length)", "");
+            writeln!(
+                f,
+                "  {:width$}  {:5}  {kind:12}  {range}{length}",
+                field.name,
+                field.location.to_string(),
+                width = width.unwrap_or(0)
+            )?;
+        }
+        if !self.warnings.is_empty() {
+            writeln!(f, "warnings")?;
+        }
+        self.warnings.iter().try_for_each(|w| writeln!(f, "  {w}"))
+    }
+}
+
+impl fmt::Display for QualityReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        row(
+            f,
+            "quality",
+            format!(
+                "{:.3} on average, {} at worst (1 = regular, 0 = flat); {} below 0.01",
+                self.mean,
+                number(self.min),
+                grouped(self.slivers)
+            ),
+        )?;
+        row(
+            f,
+            "dihedral angles",
+            format!("{:.2}° … {:.2}°", self.min_dihedral, self.max_dihedral),
+        )?;
+        let most = self.dihedral_histogram.iter().copied().max().unwrap_or(0);
+        for (bin, count) in self.dihedral_histogram.iter().enumerate() {
+            let step = 180 / DIHEDRAL_BINS;
+            let bar = match count {
+                0 => String::new(),
+                _ => format!(" {}", "█".repeat((40 * count).div_ceil(most))),
+            };
+            let low = bin * step;
+            writeln!(
+                f,
+                "  {low:>3}–{:>3}° {:>11}{bar}",
+                low + step,
+                grouped(*count)
+            )?;
+        }
+        writeln!(f, "worst tets")?;
+        for w in self.worst.iter().take(3) {
+            let [x, y, z] = w.centroid.map(number);
+            writeln!(
+                f,
+                "  {}: quality {}, smallest angle {:.2}°, at ({x}, {y}, {z})",
+                w.tet,
+                number(w.quality),
+                w.min_dihedral
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn row(f: &mut fmt::Formatter<'_>, name: &str, value: String) -> fmt::Result {
+    writeln!(f, "{name:16} {value}")
+}
+
+/// A count with a comma between thousands.
+fn grouped(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, d) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(d);
+    }
+    out
+}
+
+/// A number with six significant digits, without a tail of zeros.
+fn number(x: f64) -> String {
+    if x == 0.0 || !x.is_finite() {
+        return x.to_string();
+    }
+    let magnitude = x.abs().log10().floor() as i32;
+    if !(-4..9).contains(&magnitude) {
+        return format!("{x:.5e}");
+    }
+    let text = format!("{x:.*}", (5 - magnitude).max(0) as usize);
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
+        false => text,
+    }
+}

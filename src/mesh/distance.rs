@@ -1,0 +1,152 @@
+//! How deep below the boundary the nodes lie: a field for meshes that come without one.
+
+use super::{BoundaryFace, Field, Location, TetMesh, Topology};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Name of the field of [`depth_field`].
+pub const DEPTH: &str = "depth";
+
+/// Triangles in a leaf of the tree.
+const LEAF: usize = 4;
+
+/// The node field "depth": the distance of each node to the nearest point of the boundary, in
+/// the units of the mesh; exactly 0 on the boundary. Time O(n log n), in parallel.
+pub fn depth_field(mesh: &TetMesh, topology: &Topology) -> Field {
+    let mut on_boundary = vec![false; mesh.nodes.len()];
+    let mut triangles: Vec<[DVec3; 3]> = Vec::with_capacity(topology.boundary.len());
+    for &face in &topology.boundary {
+        triangles.push(corners(mesh, topology, face));
+        for v in topology.boundary_nodes(mesh, face) {
+            on_boundary[v as usize] = true;
+        }
+    }
+    let tree = Tree::new(triangles);
+    let depth = mesh
+        .nodes
+        .par_iter()
+        .zip(&on_boundary)
+        .map(|(p, on)| if *on { 0.0 } else { tree.distance(*p) })
+        .collect();
+    Field::scalar(DEPTH, Location::Node, depth)
+}
+
+fn corners(mesh: &TetMesh, topology: &Topology, face: BoundaryFace) -> [DVec3; 3] {
+    topology
+        .boundary_nodes(mesh, face)
+        .map(|v| mesh.nodes[v as usize])
+}
+
+/// Distance from `p` to the nearest point of the triangle `abc`, which may be degenerate.
+///
+/// By the regions of the triangle's plane, as in Ericson, *Real-Time Collision Detection*, 5.1.5.
+pub fn point_triangle_distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let (ab, ac, normal) = (b - a, c - a, (b - a).cross(c - a));
+    let inside = |from: DVec3, to: DVec3| (to - from).cross(p - from).dot(normal) >= 0.0;
+    let area = normal.length();
+    // A triangle thinner than rounding has no plane: its edges tell the distance.
+    let flat = area <= 1e-12 * ab.length_squared().max(ac.length_squared());
+    if !flat && inside(a, b) && inside(b, c) && inside(c, a) {
+        return ((p - a).dot(normal) / area).abs();
+    }
+    let edges = [(a, b), (b, c), (c, a)];
+    let distance = |(from, to): (DVec3, DVec3)| point_segment_distance(p, from, to);
+    edges
+        .map(distance)
+        .into_iter()
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn point_segment_distance(p: DVec3, a: DVec3, b: DVec3) -> f64 {
+    let along = (p - a).dot(b - a) / (b - a).length_squared();
+    // A segment without length gives NaN, which clamps to its start.
+    let along = if along.is_nan() {
+        0.0
+    } else {
+        along.clamp(0.0, 1.0)
+    };
+    p.distance(a.lerp(b, along))
+}
+
+/// Boxes around halves of halves of the triangles.
+struct Tree {
+    triangles: Vec<[DVec3; 3]>,
+    /// Box 0 holds all; a leaf's `right` is 0.
+    boxes: Vec<TreeBox>,
+}
+
+struct TreeBox {
+    low: DVec3,
+    high: DVec3,
+    /// Its triangles.
+    range: (usize, usize),
+    /// The second half; the first half is the next box in the list.
+    right: usize,
+}
+
+impl TreeBox {
+    fn distance_squared(&self, p: DVec3) -> f64 {
+        p.distance_squared(p.clamp(self.low, self.high))
+    }
+}
+
+impl Tree {
+    fn new(mut triangles: Vec<[DVec3; 3]>) -> Tree {
+        let mut boxes = Vec::new();
+        let end = triangles.len();
+        build(&mut triangles, (0, end), &mut boxes);
+        Tree { triangles, boxes }
+    }
+
+    /// Distance from `p` to the nearest triangle; infinite when there is none.
+    fn distance(&self, p: DVec3) -> f64 {
+        let mut nearest = f64::INFINITY;
+        let mut stack = vec![(0, 0.0)];
+        while let Some((index, at_least)) = stack.pop() {
+            let Some(node) = self.boxes.get(index) else {
+                continue;
+            };
+            if at_least >= nearest * nearest {
+                continue;
+            }
+            if node.right == 0 {
+                for triangle in &self.triangles[node.range.0..node.range.1] {
+                    nearest = nearest.min(point_triangle_distance(p, *triangle));
+                }
+                continue;
+            }
+            let mut halves =
+                [index + 1, node.right].map(|i| (i, self.boxes[i].distance_squared(p)));
+            halves.sort_by(|a, b| b.1.total_cmp(&a.1));
+            stack.extend(halves);
+        }
+        nearest
+    }
+}
+
+fn build(triangles: &mut [[DVec3; 3]], (start, end): (usize, usize), boxes: &mut Vec<TreeBox>) {
+    let own = &mut triangles[start..end];
+    let (low, high) = own
+        .iter()
+        .flatten()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
+            (low.min(*p), high.max(*p))
+        });
+    let index = boxes.len();
+    boxes.push(TreeBox {
+        low,
+        high,
+        range: (start, end),
+        right: 0,
+    });
+    if end - start <= LEAF {
+        return;
+    }
+    let axis = (high - low).max_position();
+    let centre = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
+    let half = (end - start) / 2;
+    own.select_nth_unstable_by(half, |a, b| centre(a).total_cmp(&centre(b)));
+    build(triangles, (start, start + half), boxes);
+    boxes[index].right = boxes.len();
+    build(triangles, (start + half, end), boxes);
+}
