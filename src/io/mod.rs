@@ -1,1 +1,131 @@
 //! Files in and out: one file a format. Nothing here knows of the GPU.
+//!
+//! Readers fill a raw mesh of cells of any kind with fields; [`cells`] turns that into tets,
+//! and [`TetMesh::new`] makes them safe to work with. Every error says where in the file the
+//! trouble is; no count in a file sizes anything before it is held against the file's length.
+
+mod atomic;
+mod cells;
+mod cursor;
+mod gmsh;
+mod gmsh_data;
+mod gmsh_source;
+mod medit;
+mod pvd;
+mod scalar;
+mod tags;
+mod tetgen;
+mod vtk_legacy;
+mod vtu;
+mod vtu_data;
+mod vtu_write;
+
+pub use atomic::atomic_write;
+pub use pvd::{Frame, PvdSeries, read_pvd};
+
+use crate::mesh::TetMesh;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// What [`read`] can read, for messages.
+const READABLE: &str =
+    "VTK legacy (.vtk), VTK XML (.vtu), Gmsh (.msh), TetGen (.node with .ele) and Medit (.mesh)";
+
+/// Reads a mesh of any format that is known: VTK legacy, VTU, Gmsh 2 and 4.1, TetGen, Medit.
+/// The content decides, then the extension. What was changed on the way (cells cut or dropped,
+/// repairs) is told in [`TetMesh::repairs`].
+///
+/// # Errors
+/// A file that cannot be read, that is damaged, or that has no volume in it.
+pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
+    let path = path.as_ref();
+    let extension = extension(path);
+    let raw = if extension == "node" || extension == "ele" {
+        tetgen::read(path)?
+    } else {
+        let bytes = content(path)?;
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+        format_of(bytes, &extension)
+            .and_then(|reader| reader(bytes))
+            .map_err(|e| Error::format(path, e))?
+    };
+    raw.into_tets().map_err(|e| Error::format(path, e))
+}
+
+type Reader = fn(&[u8]) -> cursor::Parse<cells::RawMesh>;
+
+fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
+    let start = &bytes[..bytes.len().min(4096)];
+    let start = String::from_utf8_lossy(start.trim_ascii_start()).to_ascii_lowercase();
+    let begins = |magic: &[u8]| start.as_bytes().starts_with(&magic.to_ascii_lowercase());
+    let first_word = start
+        .lines()
+        .map(str::trim)
+        .find(|l| !l.is_empty() && !l.starts_with('#'));
+    if bytes.starts_with(&[0x1f, 0x8b]) {
+        Err("the file is compressed by gzip; unpack it first (gunzip)".into())
+    } else if begins(vtk_legacy::MAGIC) {
+        Ok(vtk_legacy::read)
+    } else if begins(b"<") && start.contains("<vtkfile") {
+        if start.contains("\"collection\"") {
+            return Err(
+                "this is a series of meshes (.pvd), not a mesh; name one of its files".into(),
+            );
+        }
+        Ok(vtu::read)
+    } else if begins(gmsh::MAGIC) || (begins(b"$") && extension == "msh") {
+        Ok(gmsh::read)
+    } else if first_word.is_some_and(|w| w.starts_with(medit::MAGIC)) {
+        Ok(medit::read)
+    } else {
+        // Nothing known at the start: the reader its name asks for says what it expected.
+        match extension {
+            "vtk" => Ok(vtk_legacy::read),
+            "vtu" => Ok(vtu::read),
+            "msh" => Ok(gmsh::read),
+            "mesh" => Ok(medit::read),
+            _ => Err(format!(
+                "neither the content nor the extension is of a known format; Palpate reads {READABLE}"
+            )),
+        }
+    }
+}
+
+/// Writes a mesh with all its fields as `.vtu` (appended raw data, zlib-compressed), in one go:
+/// the file is either whole or not there. What is written reads back identical (fields of the
+/// nodes first, then those of the cells; a field whose values its number type cannot hold is
+/// written as Float64).
+///
+/// # Errors
+/// Another extension, a mesh whose fields do not fit it, or the file cannot be written.
+pub fn write(path: impl AsRef<Path>, mesh: &TetMesh) -> Result<()> {
+    let path = path.as_ref();
+    match extension(path).as_str() {
+        "vtu" => vtu_write::write(path, mesh, &mesh.nodes, &[]),
+        other => Err(Error::Input(format!(
+            "{}: meshes are written as .vtu, not as \".{other}\"",
+            path.display()
+        ))),
+    }
+}
+
+fn extension(path: &Path) -> String {
+    let extension = path.extension().unwrap_or_default();
+    extension.to_string_lossy().to_ascii_lowercase()
+}
+
+/// The bytes of a file that is one, and is not empty.
+fn content(path: &Path) -> Result<Vec<u8>> {
+    let about = std::fs::metadata(path).map_err(Error::io(path))?;
+    if about.is_dir() {
+        return Err(Error::format(path, "this is a folder; name a file in it"));
+    }
+    if !about.is_file() {
+        return Err(Error::format(path, "this is not a regular file"));
+    }
+    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    if bytes.trim_ascii().is_empty() {
+        return Err(Error::format(path, "the file is empty"));
+    }
+    Ok(bytes)
+}

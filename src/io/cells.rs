@@ -1,0 +1,452 @@
+//! From the cells of a file to tetrahedra: the stage that all readers share.
+//!
+//! Hexahedra, wedges, pyramids and prisms are cut into tets so that cells that share a face cut
+//! it alike: every face is fanned from its node of smallest number, and the cell is coned from
+//! its own node of smallest number over the faces that node does not touch (Dompierre et al.,
+//! *How to Subdivide Pyramids, Prisms, and Hexahedra into Tetrahedra*, 1999). The rule looks at
+//! node numbers only, so two cells never disagree.
+
+use super::cursor::Parse;
+use crate::mesh::{Field, Location, TetMesh, signed_volume};
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// What a reader found in a file, in the file's order.
+#[derive(Default)]
+pub(super) struct RawMesh {
+    pub nodes: Vec<DVec3>,
+    pub cells: Cells,
+    /// One tuple a node, or one a cell (of any kind).
+    pub fields: Vec<Field>,
+    pub warnings: Vec<String>,
+}
+
+/// Cells of mixed kinds.
+#[derive(Default)]
+pub(super) struct Cells {
+    /// VTK's number of each cell's kind.
+    kinds: Vec<u8>,
+    /// Where each cell's nodes end in `nodes`.
+    ends: Vec<usize>,
+    nodes: Vec<u32>,
+}
+
+impl Cells {
+    pub fn len(&self) -> usize {
+        self.kinds.len()
+    }
+
+    /// Adds a cell; node numbers count from 0 and those beyond u32 are refused later, as
+    /// out of range.
+    pub fn push(&mut self, kind: u8, nodes: impl IntoIterator<Item = usize>) {
+        self.kinds.push(kind);
+        self.nodes.extend(
+            nodes
+                .into_iter()
+                .map(|v| u32::try_from(v).unwrap_or(u32::MAX)),
+        );
+        self.ends.push(self.nodes.len());
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (u8, &[u32])> {
+        let mut start = 0;
+        self.kinds.iter().zip(&self.ends).map(move |(kind, end)| {
+            let nodes = &self.nodes[start..*end];
+            start = *end;
+            (*kind, nodes)
+        })
+    }
+}
+
+/// VTK's number of a linear tetrahedron.
+pub(super) const TET: u8 = 10;
+
+/// VTK's number of the last linear cell with volume.
+const HEXAGONAL_PRISM_KIND: u8 = 16;
+
+/// VTK's number of a polyhedron, whose list in legacy files holds faces rather than nodes.
+pub(super) const POLYHEDRON: u8 = 42;
+
+/// A kind of cell with corners and flat faces that can be cut into tets.
+struct Solid {
+    corners: usize,
+    faces: &'static [&'static [usize]],
+}
+
+// Faces are listed counter-clockwise seen from outside, for cells ordered as gmsh and Medit
+// order them.
+const HEXAHEDRON: Solid = Solid {
+    corners: 8,
+    faces: &[
+        &[0, 3, 2, 1],
+        &[4, 5, 6, 7],
+        &[0, 1, 5, 4],
+        &[1, 2, 6, 5],
+        &[2, 3, 7, 6],
+        &[3, 0, 4, 7],
+    ],
+};
+const VOXEL: Solid = Solid {
+    corners: 8,
+    faces: &[
+        &[0, 2, 3, 1],
+        &[4, 5, 7, 6],
+        &[0, 1, 5, 4],
+        &[1, 3, 7, 5],
+        &[3, 2, 6, 7],
+        &[2, 0, 4, 6],
+    ],
+};
+const WEDGE: Solid = Solid {
+    corners: 6,
+    faces: &[
+        &[0, 2, 1],
+        &[3, 4, 5],
+        &[0, 1, 4, 3],
+        &[1, 2, 5, 4],
+        &[2, 0, 3, 5],
+    ],
+};
+const PYRAMID: Solid = Solid {
+    corners: 5,
+    faces: &[
+        &[0, 3, 2, 1],
+        &[0, 1, 4],
+        &[1, 2, 4],
+        &[2, 3, 4],
+        &[3, 0, 4],
+    ],
+};
+const PENTAGONAL_PRISM: Solid = Solid {
+    corners: 10,
+    faces: &[
+        &[4, 3, 2, 1, 0],
+        &[5, 6, 7, 8, 9],
+        &[0, 1, 6, 5],
+        &[1, 2, 7, 6],
+        &[2, 3, 8, 7],
+        &[3, 4, 9, 8],
+        &[4, 0, 5, 9],
+    ],
+};
+const HEXAGONAL_PRISM: Solid = Solid {
+    corners: 12,
+    faces: &[
+        &[5, 4, 3, 2, 1, 0],
+        &[6, 7, 8, 9, 10, 11],
+        &[0, 1, 7, 6],
+        &[1, 2, 8, 7],
+        &[2, 3, 9, 8],
+        &[3, 4, 10, 9],
+        &[4, 5, 11, 10],
+        &[5, 0, 6, 11],
+    ],
+};
+const TETRAHEDRON: Solid = Solid {
+    corners: 4,
+    faces: &[&[1, 2, 3], &[0, 3, 2], &[0, 1, 3], &[0, 2, 1]],
+};
+
+/// What becomes of a kind of cell.
+enum Fate {
+    /// Cut into tets (by its corners; nodes beyond them are dropped).
+    Cut(&'static Solid),
+    /// Not volumetric: dropped and named.
+    Drop,
+    /// Volumetric, but there is no way here to cut it: dropped, named, and warned of.
+    Hole,
+}
+
+/// Name (singular) and fate of the cells that VTK numbers `kind`.
+fn kind(kind: u8) -> (&'static str, Fate) {
+    use Fate::{Cut, Drop, Hole};
+    match kind {
+        0 => ("empty cell", Drop),
+        1 => ("vertex", Drop),
+        2 => ("vertex group", Drop),
+        3 => ("line", Drop),
+        4 => ("polyline", Drop),
+        5 => ("triangle", Drop),
+        6 => ("triangle strip", Drop),
+        7 => ("polygon", Drop),
+        8 => ("pixel", Drop),
+        9 => ("quadrilateral", Drop),
+        10 => ("tetrahedron", Cut(&TETRAHEDRON)),
+        11 => ("voxel", Cut(&VOXEL)),
+        12 => ("hexahedron", Cut(&HEXAHEDRON)),
+        13 => ("wedge", Cut(&WEDGE)),
+        14 => ("pyramid", Cut(&PYRAMID)),
+        15 => ("pentagonal prism", Cut(&PENTAGONAL_PRISM)),
+        16 => ("hexagonal prism", Cut(&HEXAGONAL_PRISM)),
+        21 | 35 | 60 | 68 | 75 => ("curved line", Drop),
+        22 | 34 | 61 | 69 | 76 => ("curved triangle", Drop),
+        23 | 28 | 30 | 62 | 70 | 77 => ("curved quadrilateral", Drop),
+        36 | 63 => ("curved polygon", Drop),
+        24 | 64 | 71 | 78 => ("second-order tetrahedron", Cut(&TETRAHEDRON)),
+        25 | 29 | 33 | 67 | 72 | 79 => ("second-order hexahedron", Cut(&HEXAHEDRON)),
+        26 | 31 | 32 | 65 | 73 | 80 => ("second-order wedge", Cut(&WEDGE)),
+        27 | 37 | 66 | 74 | 81 => ("second-order pyramid", Cut(&PYRAMID)),
+        41 => ("convex point set", Hole),
+        42 => ("polyhedron", Hole),
+        _ => ("cell of unknown kind", Hole),
+    }
+}
+
+impl RawMesh {
+    /// Adds cells as VTK's formats hold them: kinds, all nodes, and where each cell's nodes end
+    /// (rising, and within `nodes`). Node numbers are counted from the first node added by the
+    /// same piece, `first_node`.
+    pub fn add_cells(
+        &mut self,
+        kinds: &[f64],
+        nodes: &[f64],
+        ends: &[usize],
+        first_node: usize,
+    ) -> Parse<()> {
+        let mut start = 0;
+        for (cell, (kind, end)) in kinds.iter().zip(ends).enumerate() {
+            let number = *kind as u8;
+            if f64::from(number) != *kind {
+                return Err(format!(
+                    "cell {cell} (counted from 0) has the kind {kind}, which is none of VTK's"
+                ));
+            }
+            let corners = &nodes[start..*end];
+            start = *end;
+            if let Some(bad) = corners.iter().find(|v| index(**v).is_none()) {
+                return Err(format!(
+                    "cell {cell} (counted from 0) refers to node {bad}; expected a whole number from 0"
+                ));
+            }
+            self.cells
+                .push(number, corners.iter().map(|v| *v as usize + first_node));
+        }
+        Ok(())
+    }
+
+    /// Which nodes and which cells the tets will come from.
+    pub fn volumetric(&self) -> (Vec<bool>, Vec<bool>) {
+        let mut of_node = vec![false; self.nodes.len()];
+        let mut of_cell = vec![false; self.cells.len()];
+        for (cell, (number, nodes)) in self.cells.iter().enumerate() {
+            if let Fate::Cut(solid) = kind(number).1 {
+                of_cell[cell] = true;
+                for v in nodes.iter().take(solid.corners) {
+                    if let Some(used) = of_node.get_mut(*v as usize) {
+                        *used = true;
+                    }
+                }
+            }
+        }
+        (of_node, of_cell)
+    }
+
+    /// The mesh in tets, repaired by [`TetMesh::new`].
+    ///
+    /// # Errors
+    /// A cell with the wrong number of nodes or a node out of range, nothing volumetric, or
+    /// what [`TetMesh::new`] refuses.
+    pub fn into_tets(self) -> Parse<TetMesh> {
+        let RawMesh {
+            nodes,
+            cells,
+            fields,
+            mut warnings,
+        } = self;
+        let mut tets = Vec::with_capacity(cells.len());
+        let mut source = Vec::with_capacity(cells.len());
+        let mut found = Census::default();
+        for (index, (number, corners)) in cells.iter().enumerate() {
+            let (name, fate) = kind(number);
+            if number != POLYHEDRON
+                && let Some(bad) = corners.iter().find(|v| **v as usize >= nodes.len())
+            {
+                return Err(format!(
+                    "cell {index} ({name}) refers to node {bad}, but there are only {} nodes (both counted from 0)",
+                    nodes.len()
+                ));
+            }
+            match fate {
+                Fate::Cut(solid) => {
+                    let linear = (TET..=HEXAGONAL_PRISM_KIND).contains(&number);
+                    if corners.len() < solid.corners || (linear && corners.len() > solid.corners) {
+                        return Err(format!(
+                            "cell {index} (counted from 0) is a {name}, which has {} corners, but it lists {} nodes",
+                            solid.corners,
+                            corners.len()
+                        ));
+                    }
+                    if corners.len() > solid.corners {
+                        *found.higher_order.entry(name).or_default() += 1;
+                    }
+                    if solid.corners > 4 {
+                        *found.cut.entry(name).or_default() += 1;
+                    }
+                    cut(solid, &corners[..solid.corners], &nodes, &mut tets);
+                    source.resize(tets.len(), index);
+                }
+                Fate::Drop => *found.dropped.entry(name).or_default() += 1,
+                Fate::Hole => *found.holes.entry(name).or_default() += 1,
+            }
+        }
+        if tets.is_empty() {
+            return Err(found.nothing_volumetric());
+        }
+        found.warn(&mut warnings);
+        let fields = fields_of_tets(fields, nodes.len(), cells.len(), &source, &mut warnings);
+        TetMesh::new(nodes, tets, fields, warnings).map_err(|e| match e {
+            crate::Error::Mesh(what) => what,
+            other => other.to_string(),
+        })
+    }
+}
+
+/// A value that counts or points at something, as a number that can do so.
+pub(super) fn index(value: f64) -> Option<usize> {
+    (value >= 0.0 && value.fract() == 0.0 && value < 9e15).then_some(value as usize)
+}
+
+/// Cuts one cell into tets.
+fn cut(solid: &Solid, cell: &[u32], nodes: &[DVec3], tets: &mut Vec<[u32; 4]>) {
+    if let [a, b, c, d] = *cell {
+        tets.push([a, b, c, d]);
+        return;
+    }
+    let first = tets.len();
+    let apex = cell.iter().copied().min().unwrap_or_default();
+    for face in solid.faces {
+        // A collapsed face may name the apex twice; its cone would be flat.
+        if face.iter().any(|i| cell[*i] == apex) {
+            continue;
+        }
+        let smallest = (0..face.len()).min_by_key(|i| cell[face[*i]]).unwrap_or(0);
+        let corner = |i: usize| cell[face[(smallest + i) % face.len()]];
+        for i in 1..face.len() - 1 {
+            // Seen from outside the face runs counter-clockwise, so the apex is behind it.
+            let tet = [corner(0), corner(i + 1), corner(i), apex];
+            if tet[0] != tet[1] && tet[1] != tet[2] && tet[2] != tet[0] {
+                tets.push(tet);
+            }
+        }
+    }
+    if tets.len() == first {
+        // Wholly collapsed: left to be counted as degenerate.
+        tets.push([apex; 4]);
+    }
+    // VTK's wedges run the other way round than everyone else's, and not all writers know:
+    // a wedge that is inside out as a whole is taken as meant the other way.
+    let volume: f64 = tets[first..]
+        .iter()
+        .map(|t| signed_volume(t.map(|v| nodes[v as usize])))
+        .sum();
+    if solid.corners == WEDGE.corners && volume < 0.0 {
+        tets[first..].iter_mut().for_each(|t| t.swap(0, 1));
+    }
+}
+
+/// Fields that fit, cell tuples repeated for each tet of their cell.
+fn fields_of_tets(
+    fields: Vec<Field>,
+    nodes: usize,
+    cells: usize,
+    source: &[usize],
+    warnings: &mut Vec<String>,
+) -> Vec<Field> {
+    let one_to_one = source.len() == cells && source.iter().enumerate().all(|(t, c)| t == *c);
+    let mut kept: Vec<Field> = Vec::with_capacity(fields.len());
+    for mut field in fields {
+        let items = match field.location {
+            Location::Node => nodes,
+            Location::Cell => cells,
+        };
+        if field.components == 0 || items.checked_mul(field.components) != Some(field.values.len())
+        {
+            warnings.push(format!(
+                "field \"{}\" is left out: it has {} values for {items} {}",
+                field.name,
+                field.values.len(),
+                field.location
+            ));
+            continue;
+        }
+        if kept
+            .iter()
+            .any(|f| f.name == field.name && f.location == field.location)
+        {
+            warnings.push(format!(
+                "there are several fields \"{}\" at the {}; the first is kept",
+                field.name, field.location
+            ));
+            continue;
+        }
+        if field.location == Location::Cell && !one_to_one {
+            let width = field.components;
+            field.values = source
+                .iter()
+                .flat_map(|c| field.values[c * width..(c + 1) * width].iter().copied())
+                .collect();
+        }
+        kept.push(field);
+    }
+    kept
+}
+
+/// How many cells of which kind met which fate.
+#[derive(Default)]
+struct Census {
+    cut: BTreeMap<&'static str, usize>,
+    higher_order: BTreeMap<&'static str, usize>,
+    dropped: BTreeMap<&'static str, usize>,
+    holes: BTreeMap<&'static str, usize>,
+}
+
+impl Census {
+    fn nothing_volumetric(&self) -> String {
+        let mut all = self.dropped.clone();
+        all.extend(self.holes.iter());
+        let found = if all.is_empty() {
+            "no cells at all".to_string()
+        } else {
+            format!("only {}", list(&all))
+        };
+        format!(
+            "there are {found}; Palpate needs volumetric cells: tetrahedra, hexahedra, wedges or pyramids (a closed surface can be filled with them by TetGen or gmsh)"
+        )
+    }
+
+    fn warn(&self, warnings: &mut Vec<String>) {
+        let notes = [
+            (&self.cut, "cut into tetrahedra"),
+            (
+                &self.higher_order,
+                "of second or higher order: corners kept, the other nodes dropped",
+            ),
+            (&self.dropped, "dropped: not volumetric"),
+            (
+                &self.holes,
+                "dropped though they may have volume: Palpate cannot cut them into tetrahedra, so the mesh has holes there",
+            ),
+        ];
+        for (census, what) in notes {
+            if !census.is_empty() {
+                warnings.push(format!("{} {what}", list(census)));
+            }
+        }
+    }
+}
+
+/// "3 lines, 1 triangle".
+fn list(census: &BTreeMap<&'static str, usize>) -> String {
+    let plural = |name: &str, count: usize| match name {
+        _ if count == 1 => name.to_string(),
+        "vertex" => "vertices".to_string(),
+        "cell of unknown kind" => "cells of unknown kind".to_string(),
+        _ if name.ends_with("hedron") => format!("{}a", &name[..name.len() - 2]),
+        _ => format!("{name}s"),
+    };
+    let items: Vec<String> = census
+        .iter()
+        .map(|(name, count)| format!("{count} {}", plural(name, *count)))
+        .collect();
+    items.join(", ")
+}

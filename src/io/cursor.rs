@@ -1,0 +1,204 @@
+//! A place in a file's bytes: words, numbers and blocks, with errors that say where.
+
+use std::fmt::Arguments;
+
+/// What a reader hands up when a file is wrong: a sentence without the file's name, which
+/// [`super::read`] puts in front.
+pub(super) type Parse<T> = std::result::Result<T, String>;
+
+/// Reads `bytes` from front to back.
+pub(super) struct Cursor<'a> {
+    bytes: &'a [u8],
+    position: usize,
+    comment: Option<u8>,
+    /// Whether errors speak of bytes rather than of lines.
+    pub binary: bool,
+}
+
+impl<'a> Cursor<'a> {
+    pub fn new(bytes: &'a [u8]) -> Cursor<'a> {
+        Cursor {
+            bytes,
+            position: 0,
+            comment: None,
+            binary: false,
+        }
+    }
+
+    /// A cursor that takes everything from `#` to the end of its line for white space.
+    pub fn with_comments(bytes: &'a [u8]) -> Cursor<'a> {
+        Cursor {
+            comment: Some(b'#'),
+            ..Cursor::new(bytes)
+        }
+    }
+
+    /// Everything not read yet.
+    pub fn rest(&self) -> &'a [u8] {
+        &self.bytes[self.position..]
+    }
+
+    /// Where the cursor stands, to come back to with [`Cursor::go_to`].
+    pub fn position(&self) -> usize {
+        self.position
+    }
+
+    /// Goes to `position`, at most the end.
+    pub fn go_to(&mut self, position: usize) {
+        self.position = position.min(self.bytes.len());
+    }
+
+    /// The error `what`, with the cursor's place in front.
+    pub fn error(&self, what: impl std::fmt::Display) -> String {
+        self.error_at(self.position, what)
+    }
+
+    /// The error `what`, with `position` in front.
+    pub fn error_at(&self, position: usize, what: impl std::fmt::Display) -> String {
+        if self.binary {
+            format!("byte {position}: {what}")
+        } else {
+            let before = &self.bytes[..position.min(self.bytes.len())];
+            let line = 1 + before.iter().filter(|b| **b == b'\n').count();
+            format!("line {line}: {what}")
+        }
+    }
+
+    pub fn skip_space(&mut self) {
+        while let Some(b) = self.bytes.get(self.position) {
+            if b.is_ascii_whitespace() || *b == 0x0b {
+                self.position += 1;
+            } else if Some(*b) == self.comment {
+                self.rest_of_line();
+            } else {
+                break;
+            }
+        }
+    }
+
+    /// The rest of this line without its end; the cursor goes to the next.
+    pub fn rest_of_line(&mut self) -> &'a [u8] {
+        let rest = self.rest();
+        let length = rest.iter().position(|b| *b == b'\n');
+        self.go_to(self.position + length.map_or(rest.len(), |n| n + 1));
+        rest[..length.unwrap_or(rest.len())].trim_ascii_end()
+    }
+
+    /// The next line that holds anything but white space and comments, without its comment,
+    /// and where it starts.
+    pub fn line(&mut self) -> Option<(usize, &'a [u8])> {
+        self.skip_space();
+        if self.rest().is_empty() {
+            return None;
+        }
+        let start = self.position;
+        let line = self.rest_of_line();
+        let comment = line.iter().position(|b| Some(*b) == self.comment);
+        Some((
+            start,
+            line[..comment.unwrap_or(line.len())].trim_ascii_end(),
+        ))
+    }
+
+    /// The next run of characters between white space; `None` at the end.
+    pub fn token(&mut self) -> Option<&'a [u8]> {
+        self.skip_space();
+        let rest = self.rest();
+        let length = rest
+            .iter()
+            .position(|b| b.is_ascii_whitespace() || Some(*b) == self.comment)
+            .unwrap_or(rest.len());
+        self.position += length;
+        (length > 0).then_some(&rest[..length])
+    }
+
+    /// The next token, without moving past it.
+    pub fn peek(&mut self) -> Option<&'a [u8]> {
+        self.skip_space();
+        let position = self.position;
+        let token = self.token();
+        self.position = position;
+        token
+    }
+
+    /// The next token as text.
+    pub fn word(&mut self, what: Arguments) -> Parse<&'a str> {
+        match self.token() {
+            Some(token) => std::str::from_utf8(token).map_err(|_| {
+                self.error(format_args!(
+                    "expected {what}, found bytes that are no text"
+                ))
+            }),
+            None => Err(self.error(format_args!("the file ends where {what} should be"))),
+        }
+    }
+
+    pub fn number(&mut self, what: Arguments) -> Parse<f64> {
+        let token = match self.token() {
+            Some(token) => token,
+            None => return Err(self.error(format_args!("the file ends where {what} should be"))),
+        };
+        number(token).ok_or_else(|| self.error(not_a("number", what, token)))
+    }
+
+    pub fn integer(&mut self, what: Arguments) -> Parse<i64> {
+        let token = match self.token() {
+            Some(token) => token,
+            None => return Err(self.error(format_args!("the file ends where {what} should be"))),
+        };
+        integer(token).ok_or_else(|| self.error(not_a("whole number", what, token)))
+    }
+
+    /// The next token as a number of items of at least `least_bytes` each, checked against what
+    /// is left of the file, so that it may size an allocation.
+    pub fn count(&mut self, what: Arguments, least_bytes: usize) -> Parse<usize> {
+        let count = self.integer(what)?;
+        self.check_count(count, what, least_bytes)
+    }
+
+    /// `count` as a number of items of at least `least_bytes` each that may still follow.
+    pub fn check_count(&self, count: i64, what: Arguments, least_bytes: usize) -> Parse<usize> {
+        let left = self.rest().len();
+        usize::try_from(count)
+            .ok()
+            .filter(|n| n.checked_mul(least_bytes).is_some_and(|b| b <= left + least_bytes))
+            .ok_or_else(|| {
+                self.error(format_args!(
+                    "{what} is given as {count}, but the {left} bytes left in the file cannot hold that (lying count or truncated file)"
+                ))
+            })
+    }
+
+    /// The next `length` bytes.
+    pub fn take(&mut self, length: usize, what: Arguments) -> Parse<&'a [u8]> {
+        let rest = self.rest();
+        let Some(block) = rest.get(..length) else {
+            return Err(self.error(format_args!(
+                "{what} should be {length} bytes, but the file ends after {}",
+                rest.len()
+            )));
+        };
+        self.position += length;
+        Ok(block)
+    }
+}
+
+fn not_a(kind: &str, what: Arguments, token: &[u8]) -> String {
+    let shown = String::from_utf8_lossy(&token[..token.len().min(40)]);
+    format!("expected {what} (a {kind}), found {shown:?}")
+}
+
+/// A token as a floating-point number; Fortran's `1.0D+03` is understood.
+pub(super) fn number(token: &[u8]) -> Option<f64> {
+    let text = std::str::from_utf8(token).ok()?;
+    text.parse().ok().or_else(|| {
+        let exponent = text.find(['d', 'D'])?;
+        (exponent > 0).then_some(())?;
+        text.replace(['d', 'D'], "e").parse().ok()
+    })
+}
+
+/// A token as a whole number.
+pub(super) fn integer(token: &[u8]) -> Option<i64> {
+    std::str::from_utf8(token).ok()?.parse().ok()
+}

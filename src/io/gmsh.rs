@@ -1,0 +1,358 @@
+//! Reader for Gmsh's MSH format, versions 2 and 4.1, ASCII and binary of either byte order.
+//!
+//! The `mshio` crate (0.4.2) reads version 4.1 only, so this reader is our own. Physical and
+//! elementary groups become the cell fields `gmsh:physical` and `gmsh:geometrical` where they
+//! are not 0 throughout; where a cell is in several physical groups the first counts.
+
+use super::cells::RawMesh;
+use super::cursor::Parse;
+use super::gmsh_data::DataSection;
+use super::gmsh_source::Source;
+use super::tags::Tags;
+use crate::mesh::{Field, Location, ScalarType};
+use glam::DVec3;
+use std::collections::HashMap;
+
+/// The first bytes of every file of this format (comments may come before).
+pub(super) const MAGIC: &[u8] = b"$MeshFormat";
+
+/// Reads the content of a `.msh` file.
+pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+    let mut file = File::default();
+    let mut at = Source::new(bytes);
+    while let Some(name) = at.next_section()? {
+        match name {
+            "MeshFormat" => file.version = at.mesh_format()?,
+            "Entities" => file.entities(&mut at)?,
+            "Nodes" if file.version >= 4 => file.nodes_4(&mut at)?,
+            "Nodes" => file.nodes_2(&mut at)?,
+            "Elements" if file.version >= 4 => file.elements_4(&mut at)?,
+            "Elements" => file.elements_2(&mut at)?,
+            "NodeData" => file
+                .data
+                .push((Location::Node, DataSection::read(&mut at)?)),
+            "ElementData" => file
+                .data
+                .push((Location::Cell, DataSection::read(&mut at)?)),
+            "NOD" | "ELM" => {
+                return Err("this is MSH version 1; save it anew with gmsh -format msh41".into());
+            }
+            other => {
+                if matches!(other, "ElementNodeData" | "PartitionedEntities") {
+                    file.mesh
+                        .warnings
+                        .push(format!("the section ${other} is passed over"));
+                }
+                at.skip_section(other)?;
+                continue;
+            }
+        }
+        at.end_of_section(name)?;
+    }
+    file.finish()
+}
+
+#[derive(Default)]
+struct File {
+    version: u32,
+    mesh: RawMesh,
+    nodes: Tags,
+    elements: Tags,
+    has_elements: bool,
+    /// Physical group of each (dimension, elementary entity).
+    groups: HashMap<(i32, i32), i32>,
+    /// Group and entity of each cell.
+    physical: Vec<f64>,
+    geometrical: Vec<f64>,
+    data: Vec<(Location, DataSection)>,
+}
+
+impl File {
+    fn entities(&mut self, at: &mut Source) -> Parse<()> {
+        let mut counts = [0; 4];
+        for count in &mut counts {
+            *count = at.count(format_args!("a number of entities"), 4)?;
+        }
+        for (dimension, count) in counts.into_iter().enumerate() {
+            for _ in 0..count {
+                let tag = at.int(format_args!("an entity's tag"))?;
+                for _ in 0..if dimension == 0 { 3 } else { 6 } {
+                    at.double(format_args!("the bounds of entity {tag}"))?;
+                }
+                let groups = at.count(format_args!("the number of groups of entity {tag}"), 2)?;
+                for group in 0..groups {
+                    let group_tag = at.int(format_args!("a group of entity {tag}"))?;
+                    if group == 0 {
+                        self.groups.insert((dimension as i32, tag), group_tag);
+                    }
+                }
+                if dimension > 0 {
+                    let bounding =
+                        at.count(format_args!("the number of entities around {tag}"), 2)?;
+                    for _ in 0..bounding {
+                        at.int(format_args!("an entity around {tag}"))?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn node(&mut self, at: &Source, tag: u64, position: DVec3) -> Parse<()> {
+        if self.nodes.push(tag) {
+            self.mesh.nodes.push(position);
+            return Ok(());
+        }
+        Err(at.error(format_args!("node {tag} comes twice")))
+    }
+
+    fn nodes_2(&mut self, at: &mut Source) -> Parse<()> {
+        let count = at.ascii_count(format_args!("the number of nodes"), 8)?;
+        for i in 0..count {
+            let tag = at.int(format_args!("the tag of node {i} of {count}"))?;
+            let position = position(at, tag as u64)?;
+            self.node(at, tag as u64, position)?;
+        }
+        Ok(())
+    }
+
+    fn nodes_4(&mut self, at: &mut Source) -> Parse<()> {
+        let blocks = at.count(format_args!("the number of node blocks"), 4)?;
+        let total = at.count(format_args!("the number of nodes"), 8)?;
+        at.size(format_args!("the smallest node tag"))?;
+        at.size(format_args!("the largest node tag"))?;
+        for _ in 0..blocks {
+            let dimension = at.int(format_args!("a node block's dimension"))?;
+            at.int(format_args!("a node block's entity"))?;
+            let parametric = at.int(format_args!("a node block's parametric flag"))?;
+            let count = at.count(format_args!("the number of nodes of a block"), 8)?;
+            let mut tags = Vec::with_capacity(count);
+            for i in 0..count {
+                tags.push(at.size(format_args!("the tag of node {i} of {count} of a block"))?);
+            }
+            for tag in tags {
+                let position = position(at, tag)?;
+                for _ in 0..if parametric == 0 {
+                    0
+                } else {
+                    dimension.clamp(0, 3)
+                } {
+                    at.double(format_args!("a parameter of node {tag}"))?;
+                }
+                self.node(at, tag, position)?;
+            }
+        }
+        let found = self.mesh.nodes.len();
+        if found != total {
+            return Err(at.error(format_args!(
+                "$Nodes announces {total} nodes, but its blocks hold {found}"
+            )));
+        }
+        Ok(())
+    }
+
+    /// The kind, number of nodes of an element type of gmsh's.
+    fn element_type(at: &Source, number: i32) -> Parse<(u8, usize)> {
+        vtk_kind(number).ok_or_else(|| {
+            at.error(format_args!("element type {number} is none of those of gmsh's lines, triangles, quadrangles, tetrahedra, hexahedra, prisms and pyramids that Palpate knows"))
+        })
+    }
+
+    fn element(
+        &mut self,
+        at: &mut Source,
+        tag: u64,
+        kind: u8,
+        width: usize,
+        wide: bool,
+    ) -> Parse<()> {
+        if !self.elements.push(tag) {
+            return Err(at.error(format_args!("element {tag} comes twice")));
+        }
+        let mut corners = [0; MOST_NODES];
+        for (i, corner) in corners[..width].iter_mut().enumerate() {
+            let what = format_args!("node {i} of element {tag}");
+            let node = if wide {
+                at.size(what)?
+            } else {
+                at.int(what)? as u64
+            };
+            *corner = self.nodes.get(node).ok_or_else(|| {
+                at.error(format_args!(
+                    "element {tag} refers to node {node}, which is not in $Nodes"
+                ))
+            })?;
+        }
+        self.mesh.cells.push(kind, corners[..width].iter().copied());
+        Ok(())
+    }
+
+    fn elements_2(&mut self, at: &mut Source) -> Parse<()> {
+        self.has_elements = true;
+        let count = at.ascii_count(format_args!("the number of elements"), 6)?;
+        let mut read = 0;
+        while read < count {
+            // Binary files group elements under a header; in ASCII each is a group of its own.
+            let (first_tag, number, group, tags) = if at.ascii() {
+                let tag = at.int(format_args!("the tag of element {read} of {count}"))?;
+                let number = at.int(format_args!("the type of element {tag}"))?;
+                let tags = at.int(format_args!("the number of tags of element {tag}"))?;
+                (Some(tag), number, 1, tags)
+            } else {
+                let number = at.int(format_args!("the type of a group of elements"))?;
+                let group = at.int(format_args!("the size of a group of elements"))?;
+                let tags = at.int(format_args!("the number of tags of a group of elements"))?;
+                (None, number, group, tags)
+            };
+            let (kind, width) = Self::element_type(at, number)?;
+            let group = usize::try_from(group)
+                .ok()
+                .filter(|g| (1..=count - read).contains(g))
+                .ok_or_else(|| {
+                    at.error(format_args!(
+                        "a group of {group} elements, with {read} of {count} read"
+                    ))
+                })?;
+            for _ in 0..group {
+                let tag = match first_tag {
+                    Some(tag) => tag,
+                    None => at.int(format_args!("the tag of element {read} of {count}"))?,
+                };
+                let mut groups = [0; 2];
+                for i in 0..tags {
+                    let value = at.int(format_args!("tag {i} of element {tag}"))?;
+                    if let Some(slot) = groups.get_mut(i as usize) {
+                        *slot = value;
+                    }
+                }
+                self.physical.push(f64::from(groups[0]));
+                self.geometrical.push(f64::from(groups[1]));
+                self.element(at, tag as u64, kind, width, false)?;
+                read += 1;
+            }
+        }
+        Ok(())
+    }
+
+    fn elements_4(&mut self, at: &mut Source) -> Parse<()> {
+        self.has_elements = true;
+        let blocks = at.count(format_args!("the number of element blocks"), 4)?;
+        let total = at.count(format_args!("the number of elements"), 4)?;
+        at.size(format_args!("the smallest element tag"))?;
+        at.size(format_args!("the largest element tag"))?;
+        for _ in 0..blocks {
+            let dimension = at.int(format_args!("an element block's dimension"))?;
+            let entity = at.int(format_args!("an element block's entity"))?;
+            let number = at.int(format_args!("an element block's type"))?;
+            let count = at.count(format_args!("the number of elements of a block"), 4)?;
+            let (kind, width) = Self::element_type(at, number)?;
+            let group = self.groups.get(&(dimension, entity)).copied().unwrap_or(0);
+            for i in 0..count {
+                let tag = at.size(format_args!("the tag of element {i} of {count} of a block"))?;
+                self.element(at, tag, kind, width, true)?;
+                self.physical.push(f64::from(group));
+                self.geometrical.push(f64::from(entity));
+            }
+        }
+        let found = self.mesh.cells.len();
+        if found != total {
+            return Err(at.error(format_args!(
+                "$Elements announces {total} elements, but its blocks hold {found}"
+            )));
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> Parse<RawMesh> {
+        if self.version == 0 {
+            return Err("there is no $MeshFormat section in the file".into());
+        }
+        if self.mesh.nodes.is_empty() {
+            return Err("the file ends, and there are no nodes in it".into());
+        }
+        if !self.has_elements {
+            return Err("the file ends, and there is no $Elements section in it".into());
+        }
+        for (name, values) in [
+            ("gmsh:physical", self.physical),
+            ("gmsh:geometrical", self.geometrical),
+        ] {
+            if values.iter().any(|v| *v != 0.0) {
+                self.mesh.fields.push(Field {
+                    name: name.into(),
+                    location: Location::Cell,
+                    components: 1,
+                    values,
+                    scalar_type: ScalarType::I32,
+                });
+            }
+        }
+        let (node_needed, cell_needed) = self.mesh.volumetric();
+        for (location, section) in self.data {
+            let (tags, needed) = match location {
+                Location::Node => (&self.nodes, &node_needed),
+                Location::Cell => (&self.elements, &cell_needed),
+            };
+            section.add_to(&mut self.mesh, location, needed, |tag| tags.get(tag));
+        }
+        Ok(self.mesh)
+    }
+}
+
+fn position(at: &mut Source, tag: u64) -> Parse<DVec3> {
+    let x = at.double(format_args!("x of node {tag}"))?;
+    let y = at.double(format_args!("y of node {tag}"))?;
+    let z = at.double(format_args!("z of node {tag}"))?;
+    Ok(DVec3::new(x, y, z))
+}
+
+/// Nodes of the largest element in [`vtk_kind`].
+const MOST_NODES: usize = 125;
+
+/// VTK's number of the kind, and the number of nodes, of gmsh's element type `number`. Corners
+/// come first in all of them, in VTK's order.
+fn vtk_kind(number: i32) -> Option<(u8, usize)> {
+    Some(match number {
+        15 => (1, 1),
+        1 => (3, 2),
+        8 => (21, 3),
+        26 => (35, 4),
+        27 => (68, 5),
+        28 => (68, 6),
+        2 => (5, 3),
+        9 => (22, 6),
+        20 => (69, 9),
+        21 => (69, 10),
+        22 => (69, 12),
+        23 | 24 => (69, 15),
+        25 => (69, 21),
+        3 => (9, 4),
+        10 => (28, 9),
+        16 => (23, 8),
+        36 => (70, 16),
+        37 => (70, 25),
+        38 => (70, 36),
+        39 => (70, 12),
+        4 => (10, 4),
+        11 => (24, 10),
+        29 => (71, 20),
+        30 => (71, 35),
+        31 => (71, 56),
+        5 => (12, 8),
+        12 => (29, 27),
+        17 => (25, 20),
+        92 => (72, 64),
+        93 => (72, 125),
+        6 => (13, 6),
+        13 => (32, 18),
+        18 => (26, 15),
+        90 => (73, 40),
+        91 => (73, 75),
+        7 => (14, 5),
+        14 => (37, 14),
+        19 => (27, 13),
+        118 => (74, 30),
+        119 => (74, 55),
+        _ => return None,
+    })
+}

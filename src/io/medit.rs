@@ -1,0 +1,151 @@
+//! Reader for Medit's ASCII `.mesh` files.
+//!
+//! References become the fields `medit:ref` of nodes and cells, as meshio calls them; references
+//! that are 0 throughout say nothing and are dropped. Sections other than vertices and cells
+//! are passed over.
+
+use super::cells::RawMesh;
+use super::cursor::{Cursor, Parse};
+use crate::mesh::{Field, Location, ScalarType};
+use glam::DVec3;
+
+/// The keyword that every file of this format starts with.
+pub(super) const MAGIC: &str = "meshversionformatted";
+
+/// Section, VTK's number of its cells, nodes of a cell. Corners come first, in VTK's order.
+const SECTIONS: [(&str, u8, usize); 11] = [
+    ("tetrahedra", 10, 4),
+    ("hexahedra", 12, 8),
+    ("prisms", 13, 6),
+    ("pyramids", 14, 5),
+    ("triangles", 5, 3),
+    ("quadrilaterals", 9, 4),
+    ("edges", 3, 2),
+    ("tetrahedrap2", 24, 10),
+    ("hexahedraq2", 29, 27),
+    ("trianglesp2", 22, 6),
+    ("edgesp2", 21, 3),
+];
+
+/// Reads the content of a `.mesh` file.
+pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+    let mut at = Cursor::with_comments(bytes);
+    let mut mesh = RawMesh::default();
+    let mut node_refs = Vec::new();
+    let mut cell_refs = Vec::new();
+    let first = at.word(format_args!("MeshVersionFormatted"))?;
+    if first.to_ascii_lowercase() != MAGIC {
+        let shown: String = first.chars().take(40).collect();
+        return Err(at.error(format_args!(
+            "expected MeshVersionFormatted, found {shown:?}"
+        )));
+    }
+    at.integer(format_args!("the format's version"))?;
+    loop {
+        let Some(token) = at.token() else {
+            mesh.warnings
+                .push("the file does not end with the keyword End; it may be truncated".into());
+            break;
+        };
+        let keyword = String::from_utf8_lossy(token).to_ascii_lowercase();
+        if keyword == "end" {
+            break;
+        } else if keyword == "dimension" {
+            let dimension = at.integer(format_args!("the dimension"))?;
+            if dimension != 3 {
+                return Err(at.error(format_args!(
+                    "the mesh has dimension {dimension}, expected 3"
+                )));
+            }
+        } else if keyword == "vertices" {
+            read_vertices(&mut at, &mut mesh, &mut node_refs)?;
+        } else if let Some((_, kind, width)) = SECTIONS.iter().find(|s| s.0 == keyword) {
+            read_cells(&mut at, &keyword, *kind, *width, &mut mesh, &mut cell_refs)?;
+        } else if is_keyword(token) {
+            pass_over(&mut at);
+        } else {
+            let shown: String = keyword.chars().take(40).collect();
+            return Err(at.error(format_args!("expected a keyword, found {shown:?}")));
+        }
+    }
+    if mesh.nodes.is_empty() {
+        return Err("the file ends, and there are no Vertices in it".into());
+    }
+    keep_refs(&mut mesh, Location::Node, node_refs);
+    keep_refs(&mut mesh, Location::Cell, cell_refs);
+    Ok(mesh)
+}
+
+fn read_vertices(at: &mut Cursor, mesh: &mut RawMesh, refs: &mut Vec<f64>) -> Parse<()> {
+    if !mesh.nodes.is_empty() {
+        return Err(at.error("there is a second Vertices section"));
+    }
+    let count = at.count(format_args!("the number of Vertices"), 8)?;
+    mesh.nodes.reserve(count);
+    for i in 1..=count {
+        let mut position = [0.0; 3];
+        for x in &mut position {
+            *x = at.number(format_args!("a coordinate of vertex {i} of {count}"))?;
+        }
+        mesh.nodes.push(DVec3::from_array(position));
+        refs.push(at.integer(format_args!("the reference of vertex {i} of {count}"))? as f64);
+    }
+    Ok(())
+}
+
+fn read_cells(
+    at: &mut Cursor,
+    keyword: &str,
+    kind: u8,
+    width: usize,
+    mesh: &mut RawMesh,
+    refs: &mut Vec<f64>,
+) -> Parse<()> {
+    let count = at.count(format_args!("the number of {keyword}"), 2 * width)?;
+    for i in 1..=count {
+        let mut nodes = [0; 27];
+        for node in &mut nodes[..width] {
+            let vertex = at.integer(format_args!("a vertex of {keyword} {i} of {count}"))?;
+            *node = usize::try_from(vertex)
+                .ok()
+                .and_then(|v| v.checked_sub(1))
+                .filter(|v| *v < mesh.nodes.len())
+                .ok_or_else(|| {
+                    at.error(format_args!(
+                        "{keyword} {i} refers to vertex {vertex}, but there are {} Vertices so far (counted from 1)",
+                        mesh.nodes.len()
+                    ))
+                })?;
+        }
+        mesh.cells.push(kind, nodes[..width].iter().copied());
+        refs.push(at.integer(format_args!("the reference of {keyword} {i} of {count}"))? as f64);
+    }
+    Ok(())
+}
+
+fn is_keyword(token: &[u8]) -> bool {
+    token[0].is_ascii_alphabetic() && super::cursor::number(token).is_none()
+}
+
+/// Goes to the next keyword.
+fn pass_over(at: &mut Cursor) {
+    while at.peek().is_some_and(|t| !is_keyword(t)) {
+        at.token();
+    }
+}
+
+fn keep_refs(mesh: &mut RawMesh, location: Location, values: Vec<f64>) {
+    if values.iter().any(|v| *v != 0.0) {
+        mesh.fields.push(Field {
+            name: "medit:ref".into(),
+            location,
+            components: 1,
+            scalar_type: if super::scalar::holds(&values, ScalarType::I32) {
+                ScalarType::I32
+            } else {
+                ScalarType::F64
+            },
+            values,
+        });
+    }
+}

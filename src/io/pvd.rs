@@ -1,0 +1,186 @@
+//! Series of meshes in time: ParaView's `.pvd` files.
+
+use super::vtu_write::{self, escaped};
+use crate::mesh::{Field, TetMesh};
+use crate::{Error, Result};
+use glam::DVec3;
+use quick_xml::Reader;
+use quick_xml::events::Event;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// One entry of a series.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// The time it shows, in seconds.
+    pub time: f64,
+    /// Its file, with the folder of the series in front where it was given relative to that.
+    pub file: PathBuf,
+}
+
+/// A series being written: `name.pvd` and, beside it, `name_00000.vtu` and so on.
+///
+/// The `.pvd` is written anew after each frame, so that a run that is interrupted leaves a
+/// series of all frames that were finished.
+#[derive(Debug)]
+pub struct PvdSeries {
+    folder: PathBuf,
+    name: String,
+    frames: Vec<(f64, String)>,
+}
+
+impl PvdSeries {
+    /// Starts a series without frames in `folder`, which is made when it is not there. Files of
+    /// an older series of the same name are overwritten as frames come.
+    ///
+    /// # Errors
+    /// A name that is no plain file name, or the folder or file cannot be made.
+    pub fn create(folder: impl AsRef<Path>, name: &str) -> Result<PvdSeries> {
+        let folder = folder.as_ref().to_path_buf();
+        if name.is_empty() || name.contains(['/', '\\']) {
+            return Err(Error::Input(format!(
+                "\"{name}\" cannot be the name of a series; give a plain file name without .pvd"
+            )));
+        }
+        std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        let series = PvdSeries {
+            folder,
+            name: name.to_string(),
+            frames: Vec::new(),
+        };
+        series.write_index()?;
+        Ok(series)
+    }
+
+    /// The path of the `.pvd` file.
+    pub fn path(&self) -> PathBuf {
+        self.folder.join(format!("{}.pvd", self.name))
+    }
+
+    /// Adds `mesh` as it stands at `time` (seconds).
+    ///
+    /// # Errors
+    /// A time that is not finite, or a file cannot be written.
+    pub fn push(&mut self, time: f64, mesh: &TetMesh) -> Result<()> {
+        self.push_deformed(time, mesh, &mesh.nodes, &[])
+    }
+
+    /// Adds `mesh` with its nodes moved to `nodes`, and `extra` fields (displacement, velocity)
+    /// that take the place of the mesh's of the same name.
+    ///
+    /// # Errors
+    /// A time that is not finite, positions or fields that do not fit, or a file cannot be
+    /// written.
+    pub fn push_deformed(
+        &mut self,
+        time: f64,
+        mesh: &TetMesh,
+        nodes: &[DVec3],
+        extra: &[Field],
+    ) -> Result<()> {
+        if !time.is_finite() {
+            return Err(Error::Input(format!("a frame cannot have the time {time}")));
+        }
+        let file = format!("{}_{:05}.vtu", self.name, self.frames.len());
+        vtu_write::write(&self.folder.join(&file), mesh, nodes, extra)?;
+        self.frames.push((time, file));
+        self.write_index()
+    }
+
+    fn write_index(&self) -> Result<()> {
+        let mut text = String::from(
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n",
+        );
+        for (time, file) in &self.frames {
+            text += &format!(
+                "<DataSet timestep=\"{time}\" group=\"\" part=\"0\" file=\"{}\"/>\n",
+                escaped(file)
+            );
+        }
+        text += "</Collection>\n</VTKFile>\n";
+        let path = self.path();
+        super::atomic_write(&path, |file| {
+            file.write_all(text.as_bytes()).map_err(Error::io(&path))
+        })
+    }
+}
+
+/// The frames of a `.pvd` series, by time.
+///
+/// # Errors
+/// The file cannot be read or is damaged, it lists no frame, or several parts of one frame
+/// (each frame must be one file).
+pub fn read_pvd(path: impl AsRef<Path>) -> Result<Vec<Frame>> {
+    let path = path.as_ref();
+    let bytes = super::content(path)?;
+    let mut frames = parse(&bytes).map_err(|e| Error::format(path, e))?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    for frame in &mut frames {
+        frame.file = folder.join(&frame.file);
+    }
+    frames.sort_by(|a, b| a.time.total_cmp(&b.time));
+    if let Some(pair) = frames.windows(2).find(|w| w[0].time == w[1].time) {
+        return Err(Error::format(
+            path,
+            format!(
+                "there are several files for the time {}; Palpate plays series of one file a frame",
+                pair[0].time
+            ),
+        ));
+    }
+    Ok(frames)
+}
+
+fn parse(bytes: &[u8]) -> super::cursor::Parse<Vec<Frame>> {
+    let mut reader = Reader::from_reader(bytes);
+    let mut frames = Vec::new();
+    let mut depth = 0usize;
+    loop {
+        let event = reader
+            .read_event()
+            .map_err(|e| format!("byte {}: the XML is damaged: {e}", reader.error_position()))?;
+        let tag = match &event {
+            Event::Start(tag) => {
+                depth += 1;
+                tag
+            }
+            Event::Empty(tag) => tag,
+            Event::End(_) => {
+                depth = depth.saturating_sub(1);
+                continue;
+            }
+            Event::Eof if depth > 0 => return Err("the file ends early: it is truncated".into()),
+            Event::Eof if frames.is_empty() => {
+                return Err("there are no frames (<DataSet> tags) in the series".into());
+            }
+            Event::Eof => return Ok(frames),
+            _ => continue,
+        };
+        let value = |name| super::vtu::attribute(tag, name);
+        match tag.name().as_ref() {
+            b"VTKFile" if value("type").as_deref() != Some("Collection") => {
+                return Err(format!(
+                    "this VTK file holds {:?}, expected \"Collection\" (a series)",
+                    value("type").unwrap_or_default()
+                ));
+            }
+            b"DataSet" => {
+                let frame = frames.len();
+                let file = value("file").filter(|f| !f.is_empty()).ok_or_else(|| {
+                    format!("frame {frame} (counted from 0) has no attribute file")
+                })?;
+                let time = value("timestep").unwrap_or_else(|| frame.to_string());
+                let time: f64 = time.trim().parse().map_err(|_| {
+                    format!(
+                        "frame {frame} (counted from 0) has timestep=\"{time}\", expected a number"
+                    )
+                })?;
+                frames.push(Frame {
+                    time,
+                    file: file.into(),
+                });
+            }
+            _ => {}
+        }
+    }
+}

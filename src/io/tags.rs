@@ -1,0 +1,42 @@
+//! From the numbers that a file gives its nodes or cells to indices.
+
+use std::collections::HashMap;
+
+/// From the tags that a file gives its nodes or elements to indices.
+#[derive(Default)]
+pub(super) struct Tags {
+    /// The tag of index 0, while tags are in sequence.
+    first: u64,
+    count: u64,
+    /// All tags, once they are not.
+    index: HashMap<u64, u32>,
+}
+
+impl Tags {
+    /// Gives the next index to `tag`; false when it has one already.
+    pub fn push(&mut self, tag: u64) -> bool {
+        if self.count == 0 {
+            self.first = tag;
+        }
+        if self.index.is_empty() && self.first.checked_add(self.count) != Some(tag) {
+            self.index = (0..self.count)
+                .map(|i| (self.first + i, i as u32))
+                .collect();
+        }
+        let in_sequence = self.index.is_empty() && self.first.checked_add(self.count) == Some(tag);
+        if !in_sequence && self.index.insert(tag, self.count as u32).is_some() {
+            return false;
+        }
+        self.count += 1;
+        true
+    }
+
+    /// The index of `tag`.
+    pub fn get(&self, tag: u64) -> Option<usize> {
+        if self.index.is_empty() {
+            let index = tag.checked_sub(self.first)?;
+            return (index < self.count).then_some(index as usize);
+        }
+        self.index.get(&tag).map(|i| *i as usize)
+    }
+}

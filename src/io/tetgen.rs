@@ -1,0 +1,226 @@
+//! Reader for TetGen's `.node` and `.ele` files, either of which may be named.
+//!
+//! Fields are called as meshio calls them: `tetgen:attr1` ... for attributes and `tetgen:ref`
+//! for boundary markers of nodes; `tetgen:ref` for the region of tets (`tetgen:ref2` ... for
+//! further attributes). Markers and regions that are 0 throughout say nothing and are dropped.
+
+use super::cells::RawMesh;
+use super::cursor::{Cursor, Parse, integer, number};
+use super::tags::Tags;
+use crate::mesh::{Field, Location, ScalarType};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::fmt::Arguments;
+use std::path::Path;
+
+/// Reads the pair of files that `path` (`x.node` or `x.ele`) belongs to.
+pub(super) fn read(path: &Path) -> Result<RawMesh> {
+    let file = |extension: &str| {
+        let upper = path
+            .extension()
+            .is_some_and(|e| e.to_string_lossy().chars().all(char::is_uppercase));
+        path.with_extension(if upper {
+            extension.to_uppercase()
+        } else {
+            extension.into()
+        })
+    };
+    let mut mesh = RawMesh::default();
+    let node_path = file("node");
+    let nodes = super::content(&node_path)?;
+    let tags = read_nodes(&nodes, &mut mesh).map_err(|e| Error::format(&node_path, e))?;
+    let ele_path = file("ele");
+    let elements = super::content(&ele_path)?;
+    read_elements(&elements, &tags, &mut mesh).map_err(|e| Error::format(&ele_path, e))?;
+    Ok(mesh)
+}
+
+/// A line of numbers, and where it starts.
+struct Row<'a> {
+    start: usize,
+    tokens: Vec<&'a [u8]>,
+}
+
+impl<'a> Row<'a> {
+    /// The next line, which should have at least `width` columns.
+    fn read(at: &mut Cursor<'a>, width: usize, what: Arguments) -> Parse<Row<'a>> {
+        let Some((start, line)) = at.line() else {
+            return Err(at.error(format_args!("the file ends where {what} should be")));
+        };
+        let tokens: Vec<_> = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|t| !t.is_empty())
+            .collect();
+        let row = Row { start, tokens };
+        if row.tokens.len() < width {
+            return Err(at.error_at(
+                start,
+                format_args!(
+                    "{what} has {} columns, expected {width}: {:?}",
+                    row.tokens.len(),
+                    String::from_utf8_lossy(&line[..line.len().min(60)])
+                ),
+            ));
+        }
+        Ok(row)
+    }
+
+    /// The value of column `i`, as `parse` reads it.
+    fn value<T>(
+        &self,
+        at: &Cursor,
+        i: usize,
+        what: Arguments,
+        parse: impl Fn(&[u8]) -> Option<T>,
+    ) -> Parse<T> {
+        let token = self.tokens.get(i).copied().unwrap_or_default();
+        parse(token).ok_or_else(|| {
+            let shown = String::from_utf8_lossy(&token[..token.len().min(40)]);
+            at.error_at(self.start, format_args!("expected {what}, found {shown:?}"))
+        })
+    }
+}
+
+/// The header: how many items, and the numbers behind.
+fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> Parse<(usize, Vec<i64>)> {
+    let row = Row::read(at, 1, format_args!("the header ({what})"))?;
+    let numbers = (0..row.tokens.len())
+        .map(|i| {
+            row.value(
+                at,
+                i,
+                format_args!("whole numbers in the header ({what})"),
+                integer,
+            )
+        })
+        .collect::<Parse<Vec<i64>>>()?;
+    let count = at.check_count(
+        numbers[0],
+        format_args!("the first number of the header ({what})"),
+        least_bytes,
+    )?;
+    Ok((count, numbers))
+}
+
+/// A number in the header that says how many columns there are.
+fn columns(header: &[i64], i: usize, most: i64, what: &str) -> Parse<usize> {
+    let value = header.get(i).copied().unwrap_or(0);
+    (0..=most)
+        .contains(&value)
+        .then_some(value as usize)
+        .ok_or_else(|| format!("the header gives {value} {what}, expected 0 to {most}"))
+}
+
+fn no_more(at: &mut Cursor, count: usize, what: &str) -> Parse<()> {
+    match at.line() {
+        None => Ok(()),
+        Some((start, _)) => Err(at.error_at(
+            start,
+            format_args!("there are more lines than the {count} {what} that the header gives"),
+        )),
+    }
+}
+
+/// Reads the nodes; their indices by the numbers they have in the file.
+fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
+    let mut at = Cursor::with_comments(bytes);
+    let (count, header) = header(&mut at, "nodes, dimension, attributes, boundary markers", 8)?;
+    if let Some(other) = header.get(1).filter(|d| **d != 3) {
+        return Err(format!("the header gives dimension {other}, expected 3"));
+    }
+    if count == 0 {
+        return Err("there are no nodes in the file".into());
+    }
+    let attributes = columns(&header, 2, 1 << 12, "attributes")?;
+    let markers = columns(&header, 3, 1, "boundary markers")?;
+    let mut tags = Tags::default();
+    let mut extra = vec![Vec::new(); attributes + markers];
+    for i in 0..count {
+        let what = format_args!("node {i} of {count} (counted from 0)");
+        let row = Row::read(&mut at, 4 + extra.len(), what)?;
+        let index = row.value(&at, 0, format_args!("the index of {what}"), integer)?;
+        if !tags.push(index as u64) {
+            return Err(at.error_at(row.start, format_args!("node {index} comes twice")));
+        }
+        let coordinate =
+            |k| row.value(&at, k, format_args!("a coordinate of node {index}"), number);
+        mesh.nodes
+            .push(DVec3::new(coordinate(1)?, coordinate(2)?, coordinate(3)?));
+        for (k, values) in extra.iter_mut().enumerate() {
+            values.push(row.value(
+                &at,
+                4 + k,
+                format_args!("an attribute of node {index}"),
+                number,
+            )?);
+        }
+    }
+    no_more(&mut at, count, "nodes")?;
+    let markers = extra.split_off(attributes);
+    for (i, values) in extra.into_iter().enumerate() {
+        let name = format!("tetgen:attr{}", i + 1);
+        mesh.fields
+            .push(Field::scalar(name, Location::Node, values));
+    }
+    keep_labels(mesh, Location::Node, markers);
+    Ok(tags)
+}
+
+fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Parse<()> {
+    let mut at = Cursor::with_comments(bytes);
+    let (count, header) = header(&mut at, "tetrahedra, nodes of each, attributes", 10)?;
+    let (kind, corners) = match header.get(1).copied().unwrap_or(4) {
+        4 => (10, 4),
+        10 => (24, 10),
+        other => {
+            return Err(format!(
+                "the header gives {other} nodes of each tetrahedron, expected 4 or 10"
+            ));
+        }
+    };
+    let attributes = columns(&header, 2, 1 << 12, "attributes")?;
+    let node = |token: &[u8]| tags.get(integer(token)? as u64);
+    let mut extra = vec![Vec::new(); attributes];
+    for i in 0..count {
+        let what = format_args!("tetrahedron {i} of {count} (counted from 0)");
+        let row = Row::read(&mut at, 1 + corners + attributes, what)?;
+        let mut tet = [0; 10];
+        for (k, corner) in tet[..corners].iter_mut().enumerate() {
+            let wanted = format_args!("a node of {what} that is in the .node file");
+            *corner = row.value(&at, 1 + k, wanted, node)?;
+        }
+        for (k, values) in extra.iter_mut().enumerate() {
+            let wanted = format_args!("an attribute of {what}");
+            values.push(row.value(&at, 1 + corners + k, wanted, number)?);
+        }
+        mesh.cells.push(kind, tet[..corners].iter().copied());
+    }
+    no_more(&mut at, count, "tetrahedra")?;
+    keep_labels(mesh, Location::Cell, extra);
+    Ok(())
+}
+
+/// Adds columns of labels as `tetgen:ref`, `tetgen:ref2` ..., but for those that are 0 throughout.
+fn keep_labels(mesh: &mut RawMesh, location: Location, columns: Vec<Vec<f64>>) {
+    for (i, values) in columns.into_iter().enumerate() {
+        if values.iter().all(|v| *v == 0.0) {
+            continue;
+        }
+        let suffix = if i == 0 {
+            String::new()
+        } else {
+            (i + 1).to_string()
+        };
+        mesh.fields.push(Field {
+            name: format!("tetgen:ref{suffix}"),
+            location,
+            components: 1,
+            scalar_type: if super::scalar::holds(&values, ScalarType::I32) {
+                ScalarType::I32
+            } else {
+                ScalarType::F64
+            },
+            values,
+        });
+    }
+}

@@ -1,0 +1,389 @@
+//! Reader for VTK's XML unstructured grids (`.vtu`): ASCII, inline base64, appended raw and
+//! base64, zlib-compressed or not, both header widths, both byte orders, several pieces.
+//!
+//! The `vtkio` crate (0.6.3) was tried on real files and on what VTK 9 writes: it panics on
+//! appended base64 of older VTK, and rejects appended raw data and compressed arrays of more
+//! than one block, so this reader is our own, on quick-xml, base64 and flate2.
+
+use super::cells::{RawMesh, index};
+use super::cursor::Parse;
+use super::scalar;
+use super::vtu_data::{Layout, Source, numbers};
+use crate::mesh::{Field, Location, ScalarType};
+use glam::DVec3;
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+
+/// Reads the content of a `.vtu` file.
+pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+    let outline = Outline::read(bytes)?;
+    let mut mesh = RawMesh::default();
+    for (number, piece) in outline.pieces.iter().enumerate() {
+        outline
+            .add_piece(piece, number > 0, &mut mesh)
+            .map_err(|e| match outline.pieces.len() {
+                1 => e,
+                _ => format!("piece {number} (counted from 0): {e}"),
+            })?;
+    }
+    Ok(mesh)
+}
+
+/// The tags of the file; its data not decoded yet.
+struct Outline<'a> {
+    file: &'a [u8],
+    layout: Layout,
+    pieces: Vec<Piece>,
+    appended: Option<Source<'a>>,
+}
+
+#[derive(Default)]
+struct Piece {
+    points: usize,
+    cells: usize,
+    arrays: Vec<Array>,
+}
+
+/// A `<DataArray>` tag.
+struct Array {
+    /// The tag around it: Points, Cells, PointData or CellData.
+    section: String,
+    name: String,
+    type_name: String,
+    components: usize,
+    format: String,
+    offset: Option<usize>,
+    /// Where in the file its own text is.
+    text: std::ops::Range<usize>,
+}
+
+impl<'a> Outline<'a> {
+    fn read(file: &'a [u8]) -> Parse<Outline<'a>> {
+        let mut reader = Reader::from_reader(file);
+        let mut outline = Outline {
+            file,
+            layout: Layout {
+                big_endian: false,
+                wide_headers: false,
+                zlib: false,
+            },
+            pieces: Vec::new(),
+            appended: None,
+        };
+        let mut open: Vec<String> = Vec::new();
+        loop {
+            let before = reader.buffer_position() as usize;
+            let event = reader.read_event().map_err(|e| {
+                format!("byte {}: the XML is damaged: {e}", reader.error_position())
+            })?;
+            match event {
+                Event::Start(tag) => {
+                    outline.start(&tag, &open)?;
+                    open.push(name_of(&tag));
+                    if tag.name().as_ref() == b"AppendedData" {
+                        outline.find_appended(&tag, reader.buffer_position() as usize)?;
+                        open.clear();
+                        break;
+                    }
+                }
+                Event::Empty(tag) => outline.start(&tag, &open)?,
+                Event::End(_) => {
+                    open.pop();
+                }
+                Event::Text(text) if open.last().is_some_and(|t| t == "DataArray") => {
+                    if let Some(array) = outline.pieces.last_mut().and_then(|p| p.arrays.last_mut())
+                        && array.text.is_empty()
+                        && !text.trim_ascii().is_empty()
+                    {
+                        array.text = before..before + text.len();
+                    }
+                }
+                Event::Eof => break,
+                _ => {}
+            }
+        }
+        match open.pop() {
+            Some(tag) => Err(format!("the file ends within <{tag}>: it is truncated")),
+            None if outline.pieces.is_empty() => {
+                Err("there is no <Piece> in the file, so no mesh".into())
+            }
+            None => Ok(outline),
+        }
+    }
+
+    fn start(&mut self, tag: &BytesStart, open: &[String]) -> Parse<()> {
+        let parent = open.last().map_or("", String::as_str);
+        match (name_of(tag).as_str(), parent) {
+            ("VTKFile", "") => self.layout = layout(tag)?,
+            (other, "") => {
+                return Err(format!(
+                    "expected <VTKFile> around everything, found <{other}>"
+                ));
+            }
+            ("Piece", "UnstructuredGrid") => self.pieces.push(Piece {
+                points: count(tag, "NumberOfPoints")?,
+                cells: count(tag, "NumberOfCells")?,
+                arrays: Vec::new(),
+            }),
+            ("DataArray" | "Array", "Points" | "Cells" | "PointData" | "CellData") => {
+                let array = Array {
+                    section: parent.to_string(),
+                    name: attribute(tag, "Name").unwrap_or_else(|| "unnamed".into()),
+                    type_name: attribute(tag, "type").unwrap_or_default(),
+                    components: match attribute(tag, "NumberOfComponents") {
+                        None => 1,
+                        Some(_) => count(tag, "NumberOfComponents")?,
+                    },
+                    format: attribute(tag, "format").unwrap_or_else(|| "ascii".into()),
+                    offset: match attribute(tag, "offset") {
+                        None => None,
+                        Some(_) => Some(count(tag, "offset")?),
+                    },
+                    text: 0..0,
+                };
+                if let Some(piece) = self.pieces.last_mut() {
+                    piece.arrays.push(array);
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Appended data starts behind the first underscore and, as raw bytes may look like
+    /// anything, ends at the last end tag in the file.
+    fn find_appended(&mut self, tag: &BytesStart, from: usize) -> Parse<()> {
+        const END: &[u8] = b"</AppendedData";
+        let section = &self.file[from..];
+        let end = section
+            .windows(END.len())
+            .rposition(|w| w == END)
+            .filter(|end| {
+                let tail = &section[*end..];
+                tail.windows(10).any(|w| w == b"</VTKFile>")
+            })
+            .ok_or("the file ends within <AppendedData>: it is truncated")?;
+        let start = section[..end]
+            .iter()
+            .position(|b| !b.is_ascii_whitespace())
+            .filter(|s| section[*s] == b'_')
+            .ok_or_else(|| {
+                format!("byte {from}: expected an underscore before the appended data")
+            })?;
+        let data = &section[start + 1..end];
+        self.appended = Some(match attribute(tag, "encoding").as_deref() {
+            Some("raw") => Source::Raw(data),
+            Some("base64") | None => Source::Base64(data),
+            Some(other) => {
+                return Err(format!(
+                    "<AppendedData> has the unknown encoding {other:?}; raw and base64 are known"
+                ));
+            }
+        });
+        Ok(())
+    }
+
+    fn add_piece(&self, piece: &Piece, later: bool, mesh: &mut RawMesh) -> Parse<()> {
+        let first_node = mesh.nodes.len();
+        let points = piece.arrays.iter().find(|a| a.section == "Points");
+        match points {
+            Some(array) if array.components != 3 => {
+                return Err(format!(
+                    "<Points> has {} components, expected 3",
+                    array.components
+                ));
+            }
+            Some(array) => {
+                let (values, _) = self.values(array, piece.points)?;
+                let positions = values.as_chunks().0.iter();
+                mesh.nodes.extend(positions.map(|p| DVec3::from_array(*p)));
+            }
+            None if piece.points == 0 => {}
+            None => return Err("there are no coordinates in <Points>".into()),
+        }
+        if piece.cells > 0 {
+            let of_cells = |name: &str, count: usize| {
+                let array = piece
+                    .arrays
+                    .iter()
+                    .find(|a| a.section == "Cells" && a.name == name);
+                let array =
+                    array.ok_or_else(|| format!("there is no array \"{name}\" in <Cells>"))?;
+                Ok::<_, String>(self.values(array, count)?.0)
+            };
+            let kinds = of_cells("types", piece.cells)?;
+            let ends = ends(&of_cells("offsets", piece.cells)?)?;
+            let nodes = of_cells("connectivity", ends.last().copied().unwrap_or(0))?;
+            if let Some(bad) = nodes.iter().find(|v| **v >= piece.points as f64) {
+                return Err(format!(
+                    "array \"connectivity\" refers to node {bad}, but there are only {} nodes (counted from 0)",
+                    piece.points
+                ));
+            }
+            mesh.add_cells(&kinds, &nodes, &ends, first_node)?;
+        }
+        for array in &piece.arrays {
+            let (location, items) = match array.section.as_str() {
+                "PointData" => (Location::Node, piece.points),
+                "CellData" => (Location::Cell, piece.cells),
+                _ => continue,
+            };
+            if scalar::from_vtk_xml_name(&array.type_name).is_none() {
+                mesh.warnings.push(format!(
+                    "array \"{}\" is left out: its type {:?} is no number",
+                    array.name, array.type_name
+                ));
+                continue;
+            }
+            let (values, scalar_type) = self.values(array, items)?;
+            add_field(
+                mesh,
+                later,
+                Field {
+                    name: array.name.clone(),
+                    location,
+                    components: array.components,
+                    values,
+                    scalar_type,
+                },
+            );
+        }
+        Ok(())
+    }
+
+    /// The numbers of an array that should have `items` tuples.
+    fn values(&self, array: &Array, items: usize) -> Parse<(Vec<f64>, ScalarType)> {
+        let inside = |e: String| format!("array \"{}\" in <{}>: {e}", array.name, array.section);
+        let scalar = scalar::from_vtk_xml_name(&array.type_name)
+            .ok_or_else(|| inside(format!("the type {:?} is no number", array.type_name)))?;
+        let count = items
+            .checked_mul(array.components)
+            .ok_or_else(|| inside("it is larger than any file can be".into()))?;
+        let source = self.source(array).map_err(inside)?;
+        Ok((
+            numbers(source, self.layout, scalar, count).map_err(inside)?,
+            scalar,
+        ))
+    }
+
+    fn source(&self, array: &Array) -> Parse<Source<'a>> {
+        match array.format.as_str() {
+            "ascii" => Ok(Source::Ascii {
+                file: &self.file[..array.text.end],
+                start: array.text.start,
+            }),
+            "binary" => Ok(Source::Base64(&self.file[array.text.clone()])),
+            "appended" => {
+                let offset = array
+                    .offset
+                    .ok_or("it is appended, but its tag has no offset")?;
+                let from = |data: &'a [u8]| {
+                    data.get(offset..).ok_or_else(|| {
+                        format!(
+                            "its offset {offset} lies beyond the {} bytes of appended data",
+                            data.len()
+                        )
+                    })
+                };
+                match self.appended {
+                    Some(Source::Raw(data)) => Ok(Source::Raw(from(data)?)),
+                    Some(Source::Base64(data)) => Ok(Source::Base64(from(data)?)),
+                    _ => Err("it is appended, but the file has no <AppendedData>".into()),
+                }
+            }
+            other => Err(format!(
+                "unknown format {other:?}; ascii, binary and appended are known"
+            )),
+        }
+    }
+}
+
+/// Adds a field, or in later pieces lengthens it; what some piece lacks comes out too short
+/// and is left out, with a warning, by the next stage.
+fn add_field(mesh: &mut RawMesh, later: bool, field: Field) {
+    let same = mesh.fields.iter_mut().find(|f| {
+        later
+            && (f.location, f.components) == (field.location, field.components)
+            && f.name == field.name
+    });
+    match same {
+        Some(known) => {
+            if known.scalar_type != field.scalar_type {
+                known.scalar_type = ScalarType::F64;
+            }
+            known.values.extend(field.values);
+        }
+        None => mesh.fields.push(field),
+    }
+}
+
+/// Offsets as ends that rise.
+fn ends(offsets: &[f64]) -> Parse<Vec<usize>> {
+    let mut last = 0;
+    offsets
+        .iter()
+        .enumerate()
+        .map(|(cell, offset)| {
+            last = index(*offset).filter(|o| *o >= last).ok_or_else(|| {
+                format!("array \"offsets\": entry {cell} is {offset}, expected a whole number from {last}")
+            })?;
+            Ok(last)
+        })
+        .collect()
+}
+
+fn layout(tag: &BytesStart) -> Parse<Layout> {
+    let kind = attribute(tag, "type").unwrap_or_default();
+    if kind != "UnstructuredGrid" {
+        return Err(format!(
+            "this VTK file holds {kind:?}, expected \"UnstructuredGrid\" (a mesh of cells)"
+        ));
+    }
+    let compressor = attribute(tag, "compressor").unwrap_or_default();
+    Ok(Layout {
+        big_endian: match attribute(tag, "byte_order").as_deref() {
+            Some("LittleEndian") | None => false,
+            Some("BigEndian") => true,
+            Some(other) => return Err(format!("unknown byte_order {other:?}")),
+        },
+        wide_headers: match attribute(tag, "header_type").as_deref() {
+            Some("UInt32") | None => false,
+            Some("UInt64") => true,
+            Some(other) => return Err(format!("unknown header_type {other:?}")),
+        },
+        zlib: match compressor.as_str() {
+            "" => false,
+            "vtkZLibDataCompressor" => true,
+            other => {
+                return Err(format!(
+                    "the data is compressed by {other}; only vtkZLibDataCompressor is read (in ParaView, save with compressor ZLib or none)"
+                ));
+            }
+        },
+    })
+}
+
+fn name_of(tag: &BytesStart) -> String {
+    String::from_utf8_lossy(tag.name().as_ref()).into_owned()
+}
+
+/// An attribute's value. VTK does not escape what XML wants escaped, so a value that cannot be
+/// unescaped is taken as it stands.
+pub(super) fn attribute(tag: &BytesStart, name: &str) -> Option<String> {
+    let attribute = tag.try_get_attribute(name).ok()??;
+    Some(match attribute.unescape_value() {
+        Ok(value) => value.into_owned(),
+        Err(_) => String::from_utf8_lossy(&attribute.value).into_owned(),
+    })
+}
+
+fn count(tag: &BytesStart, name: &str) -> Parse<usize> {
+    let value = attribute(tag, name)
+        .ok_or_else(|| format!("<{}> has no attribute {name}", name_of(tag)))?;
+    value.trim().parse().map_err(|_| {
+        format!(
+            "<{}> has {name}=\"{value}\", expected a whole number",
+            name_of(tag)
+        )
+    })
+}

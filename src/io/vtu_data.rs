@@ -1,0 +1,214 @@
+//! The data arrays of VTK's XML files: ASCII, base64 or raw, whole or in compressed blocks.
+
+use super::cursor::{Cursor, Parse};
+use super::scalar;
+use crate::mesh::ScalarType;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use std::borrow::Cow;
+use std::io::Read;
+
+/// How a file lays out its arrays: the attributes of `<VTKFile>`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    pub big_endian: bool,
+    /// Whether headers are UInt64 (else UInt32).
+    pub wide_headers: bool,
+    /// Whether arrays come as zlib-compressed blocks.
+    pub zlib: bool,
+}
+
+/// Where the bytes of one array are.
+pub(super) enum Source<'a> {
+    /// Numbers as text: the file up to the array's end, and where the array starts.
+    Ascii { file: &'a [u8], start: usize },
+    /// Bytes as they are, from the array's start to the end of the section.
+    Raw(&'a [u8]),
+    /// Base64 from the array's start to the end of the section.
+    Base64(&'a [u8]),
+}
+
+/// Reads the `count` numbers of one array.
+pub(super) fn numbers(
+    source: Source,
+    layout: Layout,
+    scalar: ScalarType,
+    count: usize,
+) -> Parse<Vec<f64>> {
+    let mut bytes = match source {
+        Source::Ascii { file, start } => return ascii(file, start, scalar, count),
+        Source::Raw(data) => Bytes::new(data, false),
+        Source::Base64(data) => Bytes::new(data, true),
+    };
+    let expected = count
+        .checked_mul(scalar::size(scalar))
+        .ok_or("it is larger than any file can be")?;
+    let data = if layout.zlib {
+        inflate_blocks(&mut bytes, layout, expected)?
+    } else {
+        let [length] = bytes.header(layout)?;
+        if length != expected as u64 {
+            return Err(wrong_size(length, expected));
+        }
+        bytes.take(expected)?
+    };
+    Ok(scalar::decode(&data, scalar, layout.big_endian))
+}
+
+fn wrong_size(found: u64, expected: usize) -> String {
+    format!("its header says {found} bytes, expected {expected}")
+}
+
+fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> Parse<Vec<f64>> {
+    let mut at = Cursor::new(file);
+    at.go_to(start);
+    at.check_count(count as i64, format_args!("the number of values"), 2)?;
+    let mut values = Vec::with_capacity(count);
+    for i in 0..count {
+        let value = at.number(format_args!("value {i} of {count}"))?;
+        values.push(if scalar == ScalarType::F32 {
+            f64::from(value as f32)
+        } else {
+            value
+        });
+    }
+    match at.token() {
+        None => Ok(values),
+        Some(_) => Err(at.error(format_args!(
+            "there are more than the {count} values expected"
+        ))),
+    }
+}
+
+/// Header: number of blocks, their size, the last one's size (0: a whole one), each one's
+/// compressed size.
+fn inflate_blocks<'a>(
+    bytes: &mut Bytes<'a>,
+    layout: Layout,
+    expected: usize,
+) -> Parse<Cow<'a, [u8]>> {
+    let [blocks] = bytes.header(layout)?;
+    if blocks == 0 && expected == 0 {
+        return Ok(Cow::Borrowed(&[]));
+    }
+    let [size, last] = bytes.header(layout)?;
+    let total = blocks
+        .checked_sub(u64::from(last != 0))
+        .and_then(|whole| whole.checked_mul(size)?.checked_add(last));
+    if total != Some(expected as u64) || last > size {
+        return Err(format!(
+            "its header says {blocks} blocks of {size} bytes (the last {last}), expected {expected} bytes in all"
+        ));
+    }
+    let blocks = usize::try_from(blocks).map_err(|e| e.to_string())?;
+    let width = if layout.wide_headers { 8 } else { 4 };
+    let header = bytes.take(blocks.checked_mul(width).ok_or("too many blocks")?)?;
+    let mut out = Vec::new();
+    for (block, head) in header.chunks_exact(width).enumerate() {
+        let packed = bytes.take(whole_number(head, layout)?)?;
+        let wanted = if block + 1 == blocks && last != 0 {
+            last
+        } else {
+            size
+        };
+        let before = out.len();
+        // One byte more than wanted, to notice a block that holds too much.
+        flate2::read::ZlibDecoder::new(&packed[..])
+            .take(wanted + 1)
+            .read_to_end(&mut out)
+            .map_err(|e| format!("block {block} of {blocks} cannot be unpacked by zlib: {e}"))?;
+        if (out.len() - before) as u64 != wanted {
+            return Err(format!(
+                "block {block} of {blocks} unpacks to {} bytes, expected {wanted}",
+                out.len() - before
+            ));
+        }
+    }
+    Ok(Cow::Owned(out))
+}
+
+fn whole_number(bytes: &[u8], layout: Layout) -> Parse<usize> {
+    let value = match *bytes {
+        [a, b, c, d] if layout.big_endian => u64::from(u32::from_be_bytes([a, b, c, d])),
+        [a, b, c, d] => u64::from(u32::from_le_bytes([a, b, c, d])),
+        [a, b, c, d, e, f, g, h] if layout.big_endian => {
+            u64::from_be_bytes([a, b, c, d, e, f, g, h])
+        }
+        [a, b, c, d, e, f, g, h] => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
+        _ => return Err("its header is cut short".into()),
+    };
+    usize::try_from(value).map_err(|e| e.to_string())
+}
+
+/// Bytes taken from the front of raw or base64 data.
+struct Bytes<'a> {
+    data: &'a [u8],
+    base64: bool,
+    /// Decoded already but not taken yet.
+    pending: Vec<u8>,
+}
+
+impl<'a> Bytes<'a> {
+    fn new(data: &'a [u8], base64: bool) -> Bytes<'a> {
+        Bytes {
+            data,
+            base64,
+            pending: Vec::new(),
+        }
+    }
+
+    /// The next `N` numbers of the header's width.
+    fn header<const N: usize>(&mut self, layout: Layout) -> Parse<[u64; N]> {
+        let width = if layout.wide_headers { 8 } else { 4 };
+        let bytes = self.take(N * width)?;
+        let mut numbers = [0; N];
+        for (number, bytes) in numbers.iter_mut().zip(bytes.chunks_exact(width)) {
+            *number = whole_number(bytes, layout)? as u64;
+        }
+        Ok(numbers)
+    }
+
+    fn take(&mut self, length: usize) -> Parse<Cow<'a, [u8]>> {
+        let short = || format!("the data ends early: {length} more bytes were announced");
+        if !self.base64 {
+            let (front, rest) = self.data.split_at_checked(length).ok_or_else(short)?;
+            self.data = rest;
+            return Ok(Cow::Borrowed(front));
+        }
+        if length > self.pending.len() + self.data.len() {
+            return Err(short());
+        }
+        while self.pending.len() < length {
+            if !self.decode_run(length - self.pending.len())? {
+                return Err(short());
+            }
+        }
+        let rest = self.pending.split_off(length);
+        Ok(Cow::Owned(std::mem::replace(&mut self.pending, rest)))
+    }
+
+    /// Decodes the base64 of about `wanted` bytes, no further than the first padding, for header
+    /// and data may be encoded apart. False at the end of the data.
+    fn decode_run(&mut self, wanted: usize) -> Parse<bool> {
+        let most = wanted.div_ceil(3) * 4;
+        let mut run = Vec::with_capacity(most.min(self.data.len()));
+        let mut used = 0;
+        for byte in self.data {
+            if run.len() >= most || (run.len() % 4 == 0 && run.last() == Some(&b'=')) {
+                break;
+            }
+            used += 1;
+            if !byte.is_ascii_whitespace() {
+                run.push(*byte);
+            }
+        }
+        if run.is_empty() {
+            return Ok(false);
+        }
+        self.data = &self.data[used..];
+        STANDARD
+            .decode_vec(&run, &mut self.pending)
+            .map_err(|e| format!("its base64 is damaged: {e}"))?;
+        Ok(true)
+    }
+}

@@ -1,0 +1,176 @@
+//! Writer for VTK's XML unstructured grids: appended raw data in zlib-compressed blocks,
+//! little-endian, UInt64 headers; what VTK and ParaView write by default.
+
+use super::scalar;
+use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::{Error, Result};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::io::Write;
+use std::path::Path;
+
+/// Bytes compressed as one block.
+const BLOCK: usize = 1 << 18;
+
+/// Writes the tets of `mesh` with nodes at `nodes`, the mesh's fields and `extra` ones (which
+/// take the place of the mesh's of the same name).
+///
+/// # Errors
+/// Positions or a field that do not fit the mesh, or the file cannot be written.
+pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field]) -> Result<()> {
+    if nodes.len() != mesh.nodes.len() {
+        return Err(Error::Mesh(format!(
+            "{} positions were given for {} nodes",
+            nodes.len(),
+            mesh.nodes.len()
+        )));
+    }
+    let replaced = |f: &Field| {
+        extra
+            .iter()
+            .any(|e| e.name == f.name && e.location == f.location)
+    };
+    let fields: Vec<&Field> = mesh
+        .fields
+        .iter()
+        .filter(|f| !replaced(f))
+        .chain(extra)
+        .collect();
+    let mut appended = Vec::new();
+    let mut head = format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
+        nodes.len(),
+        mesh.tets.len()
+    );
+    for (section, location, items) in [
+        ("PointData", Location::Node, nodes.len()),
+        ("CellData", Location::Cell, mesh.tets.len()),
+    ] {
+        head += &format!("<{section}>\n");
+        for field in fields.iter().filter(|f| f.location == location) {
+            if items.checked_mul(field.components) != Some(field.values.len()) {
+                return Err(Error::Mesh(format!(
+                    "field \"{}\" has {} values, but {items} {location} of {} components need another number",
+                    field.name,
+                    field.values.len(),
+                    field.components
+                )));
+            }
+            let exact = scalar::holds(&field.values, field.scalar_type);
+            let kind = if exact {
+                field.scalar_type
+            } else {
+                ScalarType::F64
+            };
+            let data = scalar::encode(&field.values, kind);
+            array(
+                &mut head,
+                &mut appended,
+                &field.name,
+                kind,
+                field.components,
+                &data,
+            )?;
+        }
+        head += &format!("</{section}>\n");
+    }
+    let positions: Vec<u8> = nodes
+        .iter()
+        .flat_map(|p| p.to_array())
+        .flat_map(f64::to_le_bytes)
+        .collect();
+    let corners: Vec<u8> = mesh
+        .tets
+        .iter()
+        .flatten()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    let ends: Vec<u8> = (1..=mesh.tets.len() as u64)
+        .flat_map(|t| (4 * t).to_le_bytes())
+        .collect();
+    let kinds = vec![super::cells::TET; mesh.tets.len()];
+    head += "<Points>\n";
+    array(
+        &mut head,
+        &mut appended,
+        "Points",
+        ScalarType::F64,
+        3,
+        &positions,
+    )?;
+    head += "</Points>\n<Cells>\n";
+    array(
+        &mut head,
+        &mut appended,
+        "connectivity",
+        ScalarType::I32,
+        1,
+        &corners,
+    )?;
+    array(
+        &mut head,
+        &mut appended,
+        "offsets",
+        ScalarType::I64,
+        1,
+        &ends,
+    )?;
+    array(&mut head, &mut appended, "types", ScalarType::U8, 1, &kinds)?;
+    head += "</Cells>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
+    super::atomic_write(path, |file| {
+        let mut put = |bytes: &[u8]| file.write_all(bytes).map_err(Error::io(path));
+        put(head.as_bytes())?;
+        put(&appended)?;
+        put(b"\n</AppendedData>\n</VTKFile>\n")
+    })
+}
+
+/// Adds the tag of one array to `head` and its compressed bytes to `appended`.
+fn array(
+    head: &mut String,
+    appended: &mut Vec<u8>,
+    name: &str,
+    kind: ScalarType,
+    components: usize,
+    data: &[u8],
+) -> Result<()> {
+    *head += &format!(
+        "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{components}\" format=\"appended\" offset=\"{}\"/>\n",
+        scalar::vtk_xml_name(kind),
+        escaped(name),
+        appended.len()
+    );
+    let blocks: Vec<Vec<u8>> = data
+        .par_chunks(BLOCK)
+        .map(|block| {
+            let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
+            encoder.write_all(block)?;
+            encoder.finish()
+        })
+        .collect::<std::io::Result<_>>()
+        .map_err(|e| Error::Input(format!("array \"{name}\" cannot be compressed: {e}")))?;
+    let last = data.len() % BLOCK;
+    let header = [blocks.len(), BLOCK, last];
+    for number in header.into_iter().chain(blocks.iter().map(Vec::len)) {
+        appended.extend((number as u64).to_le_bytes());
+    }
+    blocks.iter().for_each(|block| appended.extend(block));
+    Ok(())
+}
+
+/// `text` as the value of an XML attribute; white space other than blanks would be changed by
+/// a reader if it stood there as it is.
+pub(super) fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '<' | '>' | '&' | '"' | '\'' | '\t' | '\n' | '\r' => {
+                out += &format!("&#{};", u32::from(c));
+            }
+            _ => out.push(c),
+        }
+    }
+    out
+}

@@ -1,0 +1,132 @@
+//! Every real file in `../shared/data` against its true counts.
+
+use palpate::io;
+use palpate::mesh::{Location, ScalarType, TetMesh, Topology};
+use std::time::Instant;
+
+fn path(name: &str) -> String {
+    let path = format!("{}/../shared/data/{name}", env!("CARGO_MANIFEST_DIR"));
+    assert!(
+        std::path::Path::new(&path).exists(),
+        "{path} is missing: this test reads the real meshes kept there"
+    );
+    path
+}
+
+fn read(name: &str) -> TetMesh {
+    io::read(path(name)).unwrap()
+}
+
+#[test]
+fn real_meshes_have_their_true_counts() {
+    let table: [(&str, usize, usize, usize, f64); 12] = [
+        ("tet/bullet_boot.vtk", 610, 2_419, 718, 0.563399),
+        ("tet/bullet_ditto.vtk", 2_580, 10_415, 2_968, 23.4659),
+        (
+            "tet/chaste_ellipsoid_15811.node",
+            3_432,
+            15_811,
+            3_666,
+            0.279792,
+        ),
+        (
+            "tet/chaste_ellipsoid_15811.ele",
+            3_432,
+            15_811,
+            3_666,
+            0.279792,
+        ),
+        ("tet/gaia_liver.mesh", 10_641, 40_240, 16_252, 498.584),
+        ("tet/polyfem_cubes_v22.msh", 7_714, 32_981, 7_610, 2.0979),
+        ("tet/polyfem_cubes_v41.msh", 7_714, 32_981, 7_610, 2.0979),
+        ("tet/polyfem_41_binary.msh", 8, 5, 12, 0.8333),
+        (
+            "tet/polyfem_Armadillo13K.msh",
+            13_230,
+            54_985,
+            17_296,
+            237_516.0,
+        ),
+        ("tet/gaia_alligator.vtk", 25_966, 108_744, 34_376, 0.0441733),
+        (
+            "scalar/disk_out_ref_tets.vtu",
+            8_499,
+            44_832,
+            3_976,
+            1629.66,
+        ),
+        // 173 in the file; one of them is unused.
+        ("scalar/chaste_heart_decimation.vtu", 172, 610, 312, 6.40447),
+    ];
+    for (name, nodes, tets, boundary, volume) in table {
+        let start = Instant::now();
+        let mesh = read(name);
+        let took = start.elapsed().as_secs_f64();
+        println!("{name}: {:.1} ms, {:?}", took * 1e3, mesh.repairs);
+        assert_eq!(mesh.nodes.len(), nodes, "{name}");
+        assert_eq!(mesh.tets.len(), tets, "{name}");
+        assert_eq!(Topology::new(&mesh).boundary.len(), boundary, "{name}");
+        assert_eq!(mesh.repairs.inverted_fixed, 0, "{name}");
+        assert_eq!(mesh.repairs.degenerate, 0, "{name}");
+        // The table gives four to six digits.
+        let error = (mesh.volume() - volume).abs() / volume;
+        assert!(error < 5e-5, "{name}: volume {}", mesh.volume());
+        assert!(took < 10.0, "{name} took {took} s to read");
+    }
+}
+
+#[test]
+fn fields_of_the_disk() {
+    let mesh = read("scalar/disk_out_ref_tets.vtu");
+    let names: Vec<&str> = mesh.fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["Temp", "V", "Pres", "AsH3", "H2"]);
+    let temperature = mesh.field("Temp", Location::Node).unwrap();
+    assert_eq!(temperature.scalar_type, ScalarType::F32);
+    let (low, high) = temperature.range().unwrap();
+    assert!((low - 293.15).abs() < 1e-4 && (high - 913.15).abs() < 1e-4);
+    assert_eq!(mesh.field("V", Location::Node).unwrap().components, 3);
+}
+
+#[test]
+fn fields_of_the_heart() {
+    let mesh = read("scalar/chaste_heart_decimation.vtu");
+    assert_eq!(mesh.repairs.unused_nodes, 1);
+    let distance = mesh.field("Distance from origin", Location::Node).unwrap();
+    for (p, d) in mesh.nodes.iter().zip(&distance.values) {
+        assert!(
+            (p.length() - d).abs() < 1e-12,
+            "values stay with their nodes"
+        );
+    }
+    let (low, high) = distance.range().unwrap();
+    assert!((low - 0.5728).abs() < 1e-4 && (high - 2.0948).abs() < 1e-4);
+    let centroid = mesh.field("Centroid", Location::Cell).unwrap();
+    for t in 0..mesh.tets.len() {
+        let c = mesh.tet_nodes(t).iter().sum::<glam::DVec3>() / 4.0;
+        let given = glam::DVec3::from_slice(&centroid.values[3 * t..]);
+        assert!((c - given).length() < 1e-9, "values stay with their cells");
+    }
+}
+
+#[test]
+fn the_cubes_are_the_same_in_both_versions_of_gmsh() {
+    let (old, new) = (
+        read("tet/polyfem_cubes_v22.msh"),
+        read("tet/polyfem_cubes_v41.msh"),
+    );
+    for mesh in [&old, &new] {
+        let material = mesh.field("gmsh:physical", Location::Cell).unwrap();
+        assert_eq!(material.range(), Some((1.0, 3.0)));
+    }
+    let volumes = |mesh: &TetMesh| {
+        let material = mesh.field("gmsh:physical", Location::Cell).unwrap();
+        let mut volumes = [0.0; 4];
+        for (t, m) in material.values.iter().enumerate() {
+            volumes[*m as usize] += mesh.tet_volume(t);
+        }
+        volumes
+    };
+    for (a, b) in volumes(&old).iter().zip(volumes(&new)) {
+        assert!((a - b).abs() < 1e-9 * a.abs().max(1.0), "{a} {b}");
+    }
+}
