@@ -11,6 +11,8 @@ pub mod error;
 pub mod gpu;
 pub mod io;
 pub mod mesh;
+pub mod reference;
+pub mod render;
 pub mod scene;
 
 pub use error::{Error, Result};

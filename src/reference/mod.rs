@@ -1,0 +1,5 @@
+//! What the GPU is held against: the same quantities in float64 on the CPU.
+
+mod ray_integral;
+
+pub use ray_integral::{RayReference, Segment, segment_integral};

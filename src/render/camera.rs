@@ -1,0 +1,262 @@
+//! Perspective and orthographic cameras, in f64 and in the units of the mesh file.
+
+use crate::mesh::TetMesh;
+use crate::{Error, Result};
+use glam::{DVec2, DVec3};
+
+/// How a [`Camera`] maps the world to its picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// A pinhole: rays leave the eye in a fan.
+    Perspective {
+        /// Full vertical opening angle, in degrees.
+        fov: f64,
+    },
+    /// Parallel rays that start in the plane through the eye.
+    Orthographic {
+        /// Height of the view, in the units of the mesh file.
+        height: f64,
+    },
+}
+
+/// An eye, what it looks at, which way is up, and a projection; lengths in file units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Where the eye is. Nothing behind it is seen, also by an orthographic camera.
+    pub eye: DVec3,
+    /// The point in the middle of the picture.
+    pub look_at: DVec3,
+    /// The direction that is up in the picture.
+    pub up: DVec3,
+    /// Perspective or orthographic.
+    pub projection: Projection,
+}
+
+/// A half line, in file units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: DVec3,
+    /// Its direction, of length 1.
+    pub direction: DVec3,
+}
+
+/// Share of the picture that a framed mesh fills.
+const FRAMED_SHARE: f64 = 0.92;
+/// The opening angle of framing cameras, in degrees.
+const FRAMING_FOV: f64 = 30.0;
+
+impl Camera {
+    /// A perspective camera with a vertical opening angle of `fov` degrees.
+    pub fn perspective(eye: DVec3, look_at: DVec3, up: DVec3, fov: f64) -> Camera {
+        Camera {
+            eye,
+            look_at,
+            up,
+            projection: Projection::Perspective { fov },
+        }
+    }
+
+    /// An orthographic camera whose view is `height` file units high.
+    pub fn orthographic(eye: DVec3, look_at: DVec3, up: DVec3, height: f64) -> Camera {
+        Camera {
+            eye,
+            look_at,
+            up,
+            projection: Projection::Orthographic { height },
+        }
+    }
+
+    /// A view from somewhat above and beside that shows the whole of `mesh` in a square picture.
+    pub fn framing(mesh: &TetMesh) -> Camera {
+        Camera::framing_for(mesh, [1, 1])
+    }
+
+    /// As [`Camera::framing`], for a picture of `size` pixels (width, height).
+    pub fn framing_for(mesh: &TetMesh, size: [u32; 2]) -> Camera {
+        let (low, high) = mesh.bounds();
+        let extent = high - low;
+        // The longest axis lies across the picture or stands up in it, never along the view.
+        let upright = extent.z > extent.x.max(extent.y);
+        let (up, long, short) = match (upright, extent.x >= extent.y, extent.x >= extent.z) {
+            (true, true, _) => (DVec3::Z, DVec3::X, DVec3::NEG_Y),
+            (true, false, _) => (DVec3::Z, DVec3::Y, DVec3::X),
+            (false, _, true) => (DVec3::Y, DVec3::X, DVec3::Z),
+            (false, _, false) => (DVec3::Y, DVec3::NEG_Z, DVec3::X),
+        };
+        let back = (short + 0.5 * long + 0.4 * up).normalize();
+        let mut camera = Camera::perspective((low + high) / 2.0, DVec3::ZERO, up, FRAMING_FOV);
+        camera.look_at = camera.eye - back;
+        let axes = camera.axes();
+        let aspect = f64::from(size[0].max(1)) / f64::from(size[1].max(1));
+        let slope = (FRAMING_FOV.to_radians() / 2.0).tan() * FRAMED_SHARE;
+        let distance = mesh
+            .nodes
+            .iter()
+            .map(|p| {
+                let q = *p - camera.eye;
+                let side = (q.dot(axes.right).abs() / aspect).max(q.dot(axes.up).abs());
+                side / slope - q.dot(axes.forward)
+            })
+            .fold(extent.length().max(f64::MIN_POSITIVE) * 1e-3, f64::max);
+        camera.look_at = camera.eye;
+        camera.eye = camera.look_at + back * distance;
+        camera
+    }
+
+    /// Says what is wrong with the camera, if anything is.
+    ///
+    /// # Errors
+    /// When a number is not finite, the eye is at the point looked at, the opening angle is not
+    /// between 0° and 180°, or the height is not positive.
+    pub fn check(&self) -> Result<()> {
+        let wrong = |what: &str| Err(Error::Input(format!("camera: {what}")));
+        if !(self.eye.is_finite() && self.look_at.is_finite() && self.up.is_finite()) {
+            return wrong("eye, look-at and up must be finite numbers");
+        }
+        if self.eye == self.look_at {
+            return wrong("the eye is at the point it looks at; move one of them");
+        }
+        match self.projection {
+            Projection::Perspective { fov } if !(fov > 0.0 && fov < 180.0) => {
+                wrong("the opening angle must lie between 0 and 180 degrees")
+            }
+            Projection::Orthographic { height } if !(height > 0.0 && height.is_finite()) => {
+                wrong("the height of the view must be positive")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The camera turned by `degrees` about the up direction through the point looked at,
+    /// counter-clockwise seen from above.
+    pub fn turned(&self, degrees: f64) -> Camera {
+        let turn = glam::DQuat::from_axis_angle(self.up.normalize(), degrees.to_radians());
+        Camera {
+            eye: self.look_at + turn * (self.eye - self.look_at),
+            ..*self
+        }
+    }
+
+    /// The ray through the point `pixel` of a picture of `size` pixels; (0, 0) is the picture's
+    /// upper left corner, and the first pixel's centre is (0.5, 0.5).
+    pub fn ray(&self, pixel: DVec2, size: [u32; 2]) -> Ray {
+        let axes = self.axes();
+        let (half, aspect) = (axes.half_height, axes.aspect(size));
+        let x = (2.0 * pixel.x / f64::from(size[0]) - 1.0) * half * aspect;
+        let y = (1.0 - 2.0 * pixel.y / f64::from(size[1])) * half;
+        let across = axes.right * x + axes.up * y;
+        match self.projection {
+            Projection::Perspective { .. } => Ray {
+                origin: self.eye,
+                direction: (axes.forward + across).normalize(),
+            },
+            Projection::Orthographic { .. } => Ray {
+                origin: self.eye + across,
+                direction: axes.forward,
+            },
+        }
+    }
+
+    /// The camera's axes as unit vectors, and half the height of its view.
+    pub(crate) fn axes(&self) -> Axes {
+        let forward = (self.look_at - self.eye).normalize();
+        let side = forward.cross(self.up);
+        // An up direction along the view says nothing: any direction across it will do.
+        let right = if side.length() > 1e-9 * self.up.length() {
+            side.normalize()
+        } else {
+            forward.any_orthonormal_vector()
+        };
+        Axes {
+            right,
+            up: right.cross(forward),
+            forward,
+            half_height: match self.projection {
+                Projection::Perspective { fov } => (fov.to_radians() / 2.0).tan(),
+                Projection::Orthographic { height } => height / 2.0,
+            },
+        }
+    }
+}
+
+/// The frame of a camera.
+pub(crate) struct Axes {
+    /// To the right in the picture.
+    pub right: DVec3,
+    /// Upwards in the picture.
+    pub up: DVec3,
+    /// Into the picture.
+    pub forward: DVec3,
+    /// Half the view's height: at distance 1 (perspective) or at any distance (orthographic).
+    pub half_height: f64,
+}
+
+impl Axes {
+    /// Width over height of a picture.
+    pub fn aspect(&self, size: [u32; 2]) -> f64 {
+        f64::from(size[0].max(1)) / f64::from(size[1].max(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_ray_meets_the_point_looked_at_and_up_is_up() {
+        for projection in [
+            Projection::Perspective { fov: 40.0 },
+            Projection::Orthographic { height: 3.0 },
+        ] {
+            let camera = Camera {
+                eye: DVec3::new(3.0, 2.0, 5.0),
+                look_at: DVec3::new(0.5, -0.2, 0.1),
+                up: DVec3::Y,
+                projection,
+            };
+            let size = [200, 100];
+            let middle = camera.ray(DVec2::new(100.0, 50.0), size);
+            let t = (camera.look_at - middle.origin).dot(middle.direction);
+            assert!((middle.origin + middle.direction * t).distance(camera.look_at) < 1e-12);
+            let higher = camera.ray(DVec2::new(100.0, 20.0), size);
+            let lift =
+                (higher.origin + higher.direction * t) - (middle.origin + middle.direction * t);
+            assert!(lift.y > 0.1, "{projection:?} {lift}");
+        }
+    }
+
+    #[test]
+    fn orthographic_height_is_in_file_units() {
+        let camera = Camera::orthographic(DVec3::new(0.0, 0.0, 9.0), DVec3::ZERO, DVec3::Y, 4.0);
+        let top = camera.ray(DVec2::new(50.0, 0.0), [100, 100]);
+        let bottom = camera.ray(DVec2::new(50.0, 100.0), [100, 100]);
+        assert!(((top.origin - bottom.origin).length() - 4.0).abs() < 1e-12);
+        assert_eq!(top.direction, bottom.direction);
+    }
+
+    #[test]
+    fn bad_cameras_are_named() {
+        let good = Camera::perspective(DVec3::Z, DVec3::ZERO, DVec3::Y, 30.0);
+        assert!(good.check().is_ok());
+        let bad = [
+            Camera {
+                eye: DVec3::ZERO,
+                ..good
+            },
+            Camera {
+                up: DVec3::NAN,
+                ..good
+            },
+            Camera {
+                projection: Projection::Perspective { fov: 180.0 },
+                ..good
+            },
+            Camera {
+                projection: Projection::Orthographic { height: 0.0 },
+                ..good
+            },
+        ];
+        assert!(bad.iter().all(|c| c.check().is_err()));
+    }
+}

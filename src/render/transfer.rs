@@ -1,0 +1,233 @@
+//! Transfer functions: the colour and the extinction of a scalar.
+
+use crate::{Error, Result};
+use serde::Deserialize;
+use std::path::Path;
+
+/// Colour and extinction as piecewise linear functions of a scalar.
+///
+/// The file form is JSON, `{"colour": [[s, r, g, b], …], "extinction": [[s, per_length], …]}`;
+/// the two lists may have different nodes, and beyond its ends each keeps its last value.
+/// Extinction is per unit of length of the mesh file. Presets are relative: their scalar runs
+/// from 0 to 1 over the field's range, and their extinction is per extent of the mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransferFunction {
+    colour: Vec<[f64; 4]>,
+    extinction: Vec<[f64; 2]>,
+    relative: bool,
+}
+
+/// A [`TransferFunction`] in absolute terms, for one field of one mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResolvedTransfer {
+    colour: Vec<[f64; 4]>,
+    extinction: Vec<[f64; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TransferFile {
+    colour: Vec<[f64; 4]>,
+    extinction: Vec<[f64; 2]>,
+}
+
+impl TransferFunction {
+    /// A transfer function in absolute scalars: colour nodes (s, r, g, b) and extinction nodes
+    /// (s, extinction per unit of length of the mesh file).
+    ///
+    /// # Errors
+    /// When a list is empty, not sorted by scalar, or holds a number that is not finite, a
+    /// negative extinction or a negative colour; the message names the entry.
+    pub fn new(colour: Vec<[f64; 4]>, extinction: Vec<[f64; 2]>) -> Result<TransferFunction> {
+        check("colour", &colour)?;
+        check("extinction", &extinction)?;
+        Ok(TransferFunction {
+            colour,
+            extinction,
+            relative: false,
+        })
+    }
+
+    /// As [`TransferFunction::new`], but with scalars from 0 to 1 over the range of the field,
+    /// and extinction per extent (longest side of the bounds) of the mesh.
+    ///
+    /// # Errors
+    /// As [`TransferFunction::new`].
+    pub fn relative(colour: Vec<[f64; 4]>, extinction: Vec<[f64; 2]>) -> Result<TransferFunction> {
+        let absolute = TransferFunction::new(colour, extinction)?;
+        Ok(TransferFunction {
+            relative: true,
+            ..absolute
+        })
+    }
+
+    /// Parses the JSON form.
+    ///
+    /// # Errors
+    /// When it is no JSON of that shape, or as [`TransferFunction::new`].
+    pub fn from_json(text: &str) -> Result<TransferFunction> {
+        let file: TransferFile = serde_json::from_str(text).map_err(|e| {
+            Error::Input(format!(
+                "transfer function: {e}; expected {{\"colour\": [[s, r, g, b], …], \
+                 \"extinction\": [[s, per_length], …]}}"
+            ))
+        })?;
+        TransferFunction::new(file.colour, file.extinction)
+    }
+
+    /// Reads the JSON form from a file.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or as [`TransferFunction::from_json`].
+    pub fn read(path: impl AsRef<Path>) -> Result<TransferFunction> {
+        let path = path.as_ref();
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        TransferFunction::from_json(&text).map_err(|e| Error::format(path, e.to_string()))
+    }
+
+    /// In absolute terms, for a field whose values lie in `range` on a mesh of extent `size`
+    /// (longest side of its bounds, in file units).
+    pub fn resolved(&self, range: (f64, f64), size: f64) -> ResolvedTransfer {
+        let (mut colour, mut extinction) = (self.colour.clone(), self.extinction.clone());
+        if self.relative {
+            let scalar = |s: f64| range.0 + s * (range.1 - range.0);
+            colour.iter_mut().for_each(|node| node[0] = scalar(node[0]));
+            for node in &mut extinction {
+                *node = [scalar(node[0]), node[1] / size.max(f64::MIN_POSITIVE)];
+            }
+        }
+        ResolvedTransfer { colour, extinction }
+    }
+
+    /// The same colours with every extinction multiplied by `factor`.
+    pub fn denser(&self, factor: f64) -> TransferFunction {
+        let mut denser = self.clone();
+        denser.extinction.iter_mut().for_each(|n| n[1] *= factor);
+        denser
+    }
+}
+
+impl ResolvedTransfer {
+    /// Red, green and blue at scalar `s`.
+    pub fn colour(&self, s: f64) -> [f64; 3] {
+        let [_, r, g, b] = interpolated(&self.colour, s);
+        [r, g, b]
+    }
+
+    /// Extinction at scalar `s`, per unit of length of the mesh file.
+    pub fn extinction(&self, s: f64) -> f64 {
+        interpolated(&self.extinction, s)[1]
+    }
+
+    /// The largest extinction at any scalar.
+    pub fn max_extinction(&self) -> f64 {
+        self.extinction.iter().map(|n| n[1]).fold(0.0, f64::max)
+    }
+
+    /// The scalars at which colour or extinction bend, sorted, each once.
+    pub fn nodes(&self) -> Vec<f64> {
+        let mut nodes: Vec<f64> = self.colour.iter().map(|n| n[0]).collect();
+        nodes.extend(self.extinction.iter().map(|n| n[0]));
+        nodes.sort_by(f64::total_cmp);
+        nodes.dedup();
+        nodes
+    }
+}
+
+/// Checks one list of nodes; each is a scalar followed by its values.
+fn check<const N: usize>(name: &str, nodes: &[[f64; N]]) -> Result<()> {
+    let wrong = |i: usize, what: &str| {
+        Err(Error::Input(format!(
+            "transfer function: {name} entry {} ({:?}) {what}",
+            i + 1,
+            nodes[i]
+        )))
+    };
+    if nodes.is_empty() {
+        return Err(Error::Input(format!(
+            "transfer function: the {name} list is empty; it needs at least one entry"
+        )));
+    }
+    for (i, node) in nodes.iter().enumerate() {
+        if node.iter().any(|x| !x.is_finite() || x.abs() > 1e30) {
+            return wrong(i, "holds a number that is not finite");
+        }
+        if node[1..].iter().any(|x| *x < 0.0) {
+            return wrong(i, "holds a negative value; values start at 0");
+        }
+        if i > 0 && node[0] < nodes[i - 1][0] {
+            return wrong(
+                i,
+                "has a smaller scalar than the entry before it; sort the list",
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The piecewise linear function through `nodes` at `s`, constant beyond its ends. Where two
+/// nodes share a scalar the function jumps, and the later one holds there.
+fn interpolated<const N: usize>(nodes: &[[f64; N]], s: f64) -> [f64; N] {
+    let after = nodes.partition_point(|n| n[0] <= s);
+    if after == 0 {
+        return nodes[0];
+    }
+    if after == nodes.len() {
+        return nodes[after - 1];
+    }
+    let (a, b) = (nodes[after - 1], nodes[after]);
+    let w = (s - a[0]) / (b[0] - a[0]);
+    std::array::from_fn(|k| a[k] + w * (b[k] - a[k]))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn the_two_lists_are_interpolated_on_their_own() {
+        let tf = TransferFunction::from_json(
+            r#"{"colour": [[0, 1, 0, 0], [10, 0, 1, 0.5]], "extinction": [[4, 0], [6, 2], [8, 0]]}"#,
+        )
+        .unwrap()
+        .resolved((0.0, 1.0), 1.0);
+        assert_eq!(tf.colour(5.0), [0.5, 0.5, 0.25]);
+        assert_eq!(tf.colour(-1.0), [1.0, 0.0, 0.0]);
+        assert_eq!(tf.colour(11.0), [0.0, 1.0, 0.5]);
+        assert_eq!(
+            [5.0, 6.0, 7.5, 9.0].map(|s| tf.extinction(s)),
+            [1.0, 2.0, 0.5, 0.0]
+        );
+        assert_eq!(tf.nodes(), [0.0, 4.0, 6.0, 8.0, 10.0]);
+        assert_eq!(tf.max_extinction(), 2.0);
+    }
+
+    #[test]
+    fn wrong_entries_are_named() {
+        let said = |json: &str| TransferFunction::from_json(json).unwrap_err().to_string();
+        let colour = r#""colour": [[0, 1, 1, 1]]"#;
+        for (json, expected) in [
+            (r#"{"extinction": [[0, 1], [2, -1]]"#, "extinction entry 2"),
+            (r#"{"extinction": [[1, 1], [0, 1]]"#, "extinction entry 2"),
+            (r#"{"extinction": []"#, "extinction list is empty"),
+            (r#"{"extinction": [[0, 1e999]]"#, "number out of range"),
+            (r#"{"opacity": [[0, 1]]"#, "unknown field `opacity`"),
+        ] {
+            let message = said(&format!("{json}, {colour}}}"));
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn relative_functions_follow_the_range_and_the_size() {
+        let tf = TransferFunction::relative(
+            vec![[0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0]],
+            vec![[0.5, 8.0]],
+        )
+        .unwrap();
+        let there = tf.resolved((100.0, 300.0), 4.0);
+        assert_eq!(there.colour(200.0), [0.5; 3]);
+        assert_eq!(there.extinction(0.0), 2.0);
+    }
+}
