@@ -1,5 +1,7 @@
 //! The command line: one file a subcommand.
 
+mod info;
+
 use clap::{Parser, Subcommand};
 use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
 use std::io::Write;
@@ -18,6 +20,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Say what is in a mesh file, and what is wrong with it
+    Info(info::InfoArguments),
     /// List the graphics adapters, best first
     Adapters,
 }
@@ -37,7 +41,7 @@ pub fn main() -> ExitCode {
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // Nothing is left to tell it to if standard error is closed too.
-            let _ = writeln!(std::io::stderr(), "palpate: {error:#}");
+            let _ = writeln!(std::io::stderr(), "palpate: {error}");
             ExitCode::FAILURE
         }
     }
@@ -46,6 +50,7 @@ pub fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let adapter = arguments.adapter.as_deref();
     match &arguments.command {
+        Command::Info(arguments) => info::run(arguments),
         Command::Adapters => adapters(adapter),
     }
 }

@@ -6,7 +6,8 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Location {
-    /// One tuple a node.
+    /// One tuple a node; `point` in files and reports, as the file formats call it.
+    #[serde(rename = "point")]
     Node,
     /// One tuple a tet.
     Cell,
