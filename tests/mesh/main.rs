@@ -4,6 +4,7 @@
 mod describe;
 mod distance;
 mod generators;
+mod limb;
 mod quality;
 mod repairs;
 mod support;

@@ -8,6 +8,7 @@ mod bar;
 mod benchmark;
 mod duct;
 mod grid;
+mod limb;
 mod stuffing;
 
 pub use ball::ball;
@@ -15,3 +16,4 @@ pub use bar::{PAPER_BAR_CELLS, PAPER_BAR_SIZE, bar, bar_of_about, paper_bar};
 pub use benchmark::benchmark_cube;
 pub use duct::{Bore, duct};
 pub use grid::{Split, box_mesh};
+pub use limb::{TISSUES, Tissue, limb};

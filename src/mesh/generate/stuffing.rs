@@ -22,7 +22,7 @@ const WARP_SHORT: f64 = 0.41189;
 /// Rounds of removing tets that meet in an edge or a point only.
 const MAX_CLEANING_ROUNDS: usize = 50;
 
-/// What [`stuff`] makes; there may be nodes that no tet uses.
+/// What [`stuff`] makes.
 pub(super) struct Filled {
     pub nodes: Vec<DVec3>,
     pub tets: Vec<[u32; 4]>,
@@ -415,10 +415,7 @@ fn keep_sound_part(nodes: Vec<DVec3>, tets: Vec<[u32; 4]>) -> Result<Filled> {
         } else if !shape.is_vertex_manifold() {
             drop_loose_fans(&mesh, &shape, &mut keep);
         } else {
-            return Ok(Filled {
-                nodes: mesh.nodes,
-                tets: mesh.tets,
-            });
+            return Ok(without_unused_nodes(mesh));
         }
         let mut flag = keep.iter();
         mesh.tets.retain(|_| flag.next().copied().unwrap_or(true));
@@ -430,6 +427,25 @@ fn keep_sound_part(nodes: Vec<DVec3>, tets: Vec<[u32; 4]>) -> Result<Filled> {
         "the shape is too thin for this resolution: no sound mesh is left of it; ask for more tets"
             .into(),
     ))
+}
+
+fn without_unused_nodes(mut mesh: TetMesh) -> Filled {
+    let mut new_index = vec![u32::MAX; mesh.nodes.len()];
+    for v in mesh.tets.iter().flatten() {
+        new_index[*v as usize] = 0;
+    }
+    let mut nodes = Vec::with_capacity(mesh.nodes.len());
+    for (index, node) in new_index.iter_mut().zip(&mesh.nodes).filter(|n| *n.0 == 0) {
+        *index = nodes.len() as u32;
+        nodes.push(*node);
+    }
+    for v in mesh.tets.iter_mut().flatten() {
+        *v = new_index[*v as usize];
+    }
+    Filled {
+        nodes,
+        tets: mesh.tets,
+    }
 }
 
 /// Unsets the flag of every tet at an odd node that is not face-connected, around that node, to

@@ -1,0 +1,225 @@
+//! A limb phantom: a forearm and hand with skin, fat, muscles, tendons, bones and joints.
+//!
+//! Every tissue is a solid given by a distance function (`anatomy`); the mesh is stuffed into
+//! the outermost, and the tissues inside give each node an intensity and each tet a label.
+
+mod anatomy;
+mod solids;
+
+use super::stuffing::{Filled, stuff};
+use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::{Error, Result};
+use anatomy::{Anatomy, Distances};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// A tissue of the [`limb`] phantom.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tissue {
+    /// Its value in the cell field `label`.
+    pub label: u8,
+    /// What it is called.
+    pub name: &'static str,
+    /// Its typical value in the node field `intensity`, in Hounsfield units.
+    pub intensity: f64,
+}
+
+/// The tissues of the [`limb`] phantom, by label.
+pub const TISSUES: [Tissue; 7] = [
+    tissue(1, "skin", 20.0),
+    tissue(2, "fat", -100.0),
+    tissue(3, "muscle", 60.0),
+    tissue(4, "tendon", 100.0),
+    tissue(5, "cartilage", 170.0),
+    tissue(6, "cortical bone", 1200.0),
+    tissue(7, "marrow", 200.0),
+];
+
+const fn tissue(label: u8, name: &'static str, intensity: f64) -> Tissue {
+    Tissue {
+        label,
+        name,
+        intensity,
+    }
+}
+
+/// Thickness of the skin in metres.
+const SKIN: f64 = 0.0018;
+
+/// Two tissues pass into each other over this many lattice cells.
+const BLUR: f64 = 1.4;
+
+/// The box that holds the phantom, in metres.
+const LOW: DVec3 = DVec3::new(0.0, -0.080, -0.042);
+const HIGH: DVec3 = DVec3::new(0.352, 0.104, 0.032);
+
+/// Lattice cells are this much larger than the rest in the forearm, and smaller in the hand…
+const FOREARM_SCALE: f64 = 1.2;
+const HAND_SCALE: f64 = 0.75;
+
+/// …and change from one to the other between these x.
+const GRADED: [f64; 2] = [0.06, 0.19];
+
+/// Lattice steps, in metres, of the two coarse meshes from which the step is estimated.
+const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
+
+/// Below this number of tets the step is corrected by making the mesh.
+const TRIAL_BELOW: usize = 20_000;
+
+/// A forearm and hand with about `tets` tets, in metres, at any resolution.
+///
+/// The forearm is cut at x = 0, where it can be held; x runs to the fingertips, y to the thumb,
+/// z to the back of the hand. The node field `intensity` resembles a CT scan in Hounsfield
+/// units, the cell field `label` holds the labels of [`TISSUES`]. The digits stand apart from
+/// some 10,000 tets on; with fewer their lower parts may join. Deterministic; dihedral angles
+/// stay above 5°.
+///
+/// # Errors
+/// Fewer than 2,000 tets, or more than 32-bit indices hold.
+pub fn limb(tets: usize) -> Result<TetMesh> {
+    if !(2_000..=50_000_000).contains(&tets) {
+        return Err(Error::Input(format!(
+            "a limb phantom cannot have {tets} tets; ask for 2,000 to 50,000,000"
+        )));
+    }
+    let anatomy = Anatomy::new();
+    let step = lattice_step(&anatomy, tets)?;
+    let Filled { nodes, tets } = fill(&anatomy, step)?;
+    let intensity = nodes
+        .par_iter()
+        .map(|p| intensity(&anatomy.distances(*p), step * scale(p.x)))
+        .collect();
+    let label = tets
+        .par_iter()
+        .map(|tet| {
+            let p = tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
+            f64::from(label(&anatomy.distances(p), step * scale(p.x)))
+        })
+        .collect();
+    let fields = vec![
+        Field {
+            scalar_type: ScalarType::F32,
+            ..Field::scalar("intensity", Location::Node, intensity)
+        },
+        Field {
+            scalar_type: ScalarType::U8,
+            ..Field::scalar("label", Location::Cell, label)
+        },
+    ];
+    TetMesh::new(nodes, tets, fields, Vec::new())
+}
+
+/// The mesh of the whole phantom on a lattice of the given step.
+fn fill(anatomy: &Anatomy, step: f64) -> Result<Filled> {
+    // One lattice plane lies in the cut at x = 0, with a cell to spare beyond all sides.
+    let low = DVec3::new(0.0, LOW.y / HAND_SCALE, LOW.z / HAND_SCALE) - step;
+    let high = DVec3::new(to_lattice(HIGH.x), HIGH.y / HAND_SCALE, HIGH.z / HAND_SCALE);
+    let cells = ((high - low) / step)
+        .to_array()
+        .map(|n| n.ceil() as usize + 1);
+    let place = |p: DVec3| from_lattice(low + p * step);
+    let mut filled = stuff(cells, |p| -anatomy.outside(place(p)))?;
+    filled.nodes.iter_mut().for_each(|p| *p = place(*p));
+    Ok(filled)
+}
+
+/// The step that makes about `tets` tets: they are as many as a/step³ + b/step², for the volume
+/// and for the surface.
+fn lattice_step(anatomy: &Anatomy, tets: usize) -> Result<f64> {
+    let [coarse, fine] = TRIAL_STEPS;
+    let count = |step: f64| fill(anatomy, step).map(|f| f.tets.len() as f64);
+    let (n, m) = (count(coarse)? * coarse.powi(3), count(fine)? * fine.powi(3));
+    let b = (n - m) / (coarse - fine);
+    let a = m - b * fine;
+    let (mut low, mut high) = (1e-5f64, 0.1f64);
+    for _ in 0..60 {
+        let step = 0.5 * (low + high);
+        match a / step.powi(3) + b / step.powi(2) > tets as f64 {
+            true => low = step,
+            false => high = step,
+        }
+    }
+    let mut step = 0.5 * (low + high);
+    if tets < TRIAL_BELOW {
+        // Where cells are as large as fingers the estimate is poor, but trying costs little.
+        for _ in 0..3 {
+            step *= (count(step)? / tets as f64).cbrt();
+        }
+    }
+    Ok(step)
+}
+
+/// How much larger than the step a lattice cell is at `x`.
+fn scale(x: f64) -> f64 {
+    let [from, to] = GRADED;
+    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    (1.0 / FOREARM_SCALE + t * (1.0 / HAND_SCALE - 1.0 / FOREARM_SCALE)).recip()
+}
+
+/// The lattice coordinate of `x`: the integral of 1/scale.
+fn to_lattice(x: f64) -> f64 {
+    let [from, to] = GRADED;
+    let (first, last) = (1.0 / FOREARM_SCALE, 1.0 / HAND_SCALE);
+    let t = (x - from).clamp(0.0, to - from);
+    first * x + (last - first) * (0.5 * t * t / (to - from) + (x - to).max(0.0))
+}
+
+/// The place of a point of the lattice, whose first coordinate is that of [`to_lattice`].
+fn from_lattice(p: DVec3) -> DVec3 {
+    let [from, to] = GRADED;
+    let (first, last) = (1.0 / FOREARM_SCALE, 1.0 / HAND_SCALE);
+    let slope = (last - first) / (to - from);
+    let past = p.x - first * from;
+    let x = if past <= 0.0 {
+        p.x / first
+    } else if p.x >= to_lattice(to) {
+        to + (p.x - to_lattice(to)) / last
+    } else {
+        from + 2.0 * past / (first + (first * first + 2.0 * slope * past).sqrt())
+    };
+    let s = scale(x);
+    DVec3::new(x, s * p.y, s * p.z)
+}
+
+/// The CT-like value where the tissues are as far as `d` says, for a mesh of cell size `cell`.
+fn intensity(d: &Distances, cell: f64) -> f64 {
+    // Tissues pass into each other over more than a cell and evenly, which linear interpolation
+    // can follow: surfaces of equal intensity are then smooth, not stepped.
+    let width = (BLUR * cell).max(0.0012);
+    let within = |distance: f64| (0.5 - distance / width).clamp(0.0, 1.0);
+    let [skin, fat, muscle, tendon, cartilage, cortical, marrow] = TISSUES.map(|t| t.intensity);
+    [
+        (d.skin + SKIN, fat),
+        (d.muscle, muscle),
+        (d.tendon, tendon),
+        (d.cartilage, cartilage),
+        (d.bone, cortical),
+        (d.marrow, marrow),
+    ]
+    .into_iter()
+    .fold(skin, |value, (distance, tissue)| {
+        value + within(distance) * (tissue - value)
+    })
+}
+
+/// The label of a tet whose centroid lies as `d` says, for a mesh of cell size `cell`.
+fn label(d: &Distances, cell: f64) -> u8 {
+    let [skin, fat, muscle, tendon, cartilage, cortical, marrow] = TISSUES.map(|t| t.label);
+    // The skin is thinner than the cells of a coarse mesh: there, the outermost tets are skin.
+    let skin_depth = SKIN.max(0.22 * cell);
+    if d.marrow < 0.0 {
+        marrow
+    } else if d.bone < 0.0 {
+        cortical
+    } else if d.cartilage < 0.0 {
+        cartilage
+    } else if d.skin > -skin_depth {
+        skin
+    } else if d.tendon < 0.0 {
+        tendon
+    } else if d.muscle < 0.0 {
+        muscle
+    } else {
+        fat
+    }
+}
