@@ -11,6 +11,7 @@ pub mod error;
 pub mod gpu;
 pub mod io;
 pub mod mesh;
+pub mod physics;
 pub mod reference;
 pub mod render;
 pub mod scene;

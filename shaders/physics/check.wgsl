@@ -1,0 +1,66 @@
+// Decides whether a candidate state is sound: finite, and with no more energy than it began with
+// and was given. One workgroup.
+
+#import lib/reduce
+#import lib/status
+
+struct CheckParams {
+    // 0: a step; 1: forces at the current state, before steps; 2: the same after a change from
+    // outside, which also clears a failure.
+    kind: u32,
+    // Workgroups that wrote a partial sum.
+    groups: u32,
+    // Length of the history.
+    history: u32,
+    dt: f32,
+    // Energy below which nothing is called a runaway.
+    floor: f32,
+    // How often the energy may exceed what began and came in.
+    factor: f32,
+}
+
+@group(0) @binding(0) var<storage, read> partials: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read_write> status: Status;
+// Of each step: iterations, residual, kinetic and elastic energy.
+@group(0) @binding(2) var<storage, read_write> history: array<vec4<f32>>;
+@group(0) @binding(3) var<uniform> params: CheckParams;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(local_invocation_index) lane: u32) {
+    var sum = vec4(0.0);
+    for (var k = lane; k < params.groups; k += WORKGROUP) {
+        sum += partials[k];
+    }
+    let total = reduce(sum, lane);
+    if lane != 0u || status.failed != 0u {
+        return;
+    }
+    status.accepted = 0u;
+    if status.solving != 0u {
+        return;
+    }
+    let energy = total.x + total.y;
+    let work = abs(total.z * params.dt);
+    if !finite(energy) || !finite(work) || !finite(total.w) || total.w > 0.0 {
+        status.failed = NON_FINITE;
+        return;
+    }
+    if params.kind == 2u {
+        status.baseline = energy;
+        status.work = 0.0;
+    }
+    if params.kind == 0u {
+        let allowed = status.baseline + status.work + work;
+        if energy > params.factor * (allowed + params.floor) {
+            status.failed = RUNAWAY_ENERGY;
+            return;
+        }
+        status.work += work;
+        history[status.steps % params.history] =
+            vec4(f32(status.iterations), status.residual, total.x, total.y);
+        status.steps += 1u;
+        status.accepted = 1u;
+    }
+    status.kinetic = total.x;
+    status.elastic = total.y;
+}

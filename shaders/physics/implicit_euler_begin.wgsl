@@ -1,0 +1,124 @@
+// Implicit Euler, the linear system of a step (Baraff & Witkin; equation 9 of Tejada & Ertl):
+// (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v).
+//
+// K̃ is the Jacobian with the transverse term clamped: K̃_ij = κ((1−t) x̂x̂ᵀ + t I),
+// t = max(1 − L/|x|, 0). Every spring's share of the matrix is kept as u uᵀ + b I.
+
+#import lib/springs
+#import lib/cg
+
+struct BeginParams {
+    nodes: u32,
+    dt: f32,
+    damping: f32,
+    damping_time: f32,
+    axial: u32,
+    _pad0: u32,
+    _pad1: u32,
+    _pad2: u32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var velocities: texture_2d<f32>;
+@group(0) @binding(2) var masses: texture_2d<f32>;
+@group(0) @binding(3) var forces: texture_2d<f32>;
+@group(0) @binding(4) var rows: texture_2d<u32>;
+@group(0) @binding(5) var columns: texture_2d<u32>;
+@group(0) @binding(6) var springs: texture_2d<f32>;
+@group(0) @binding(7) var<storage, read> status: Status;
+// Of each directed spring: u, b.
+@group(0) @binding(8) var edges: texture_storage_2d<rgba32float, write>;
+// Two texels a node: the inverse of its diagonal block.
+@group(0) @binding(9) var preconditioner: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(10) var residual: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(11) var preconditioned: texture_storage_2d<rgba32float, write>;
+// A workgroup's r·z and mean diagonal entries.
+@group(0) @binding(12) var<storage, read_write> partials: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read_write> scalars: CgScalars;
+@group(0) @binding(14) var<uniform> params: BeginParams;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    if status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    let h = params.dt;
+    var sum = vec4(0.0);
+    for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
+        let x = textureLoad(positions, at(i), 0).xyz;
+        let v = textureLoad(velocities, at(i), 0).xyz;
+        let mass = textureLoad(masses, at(i), 0).xy;
+        let row = textureLoad(rows, at(i), 0).xy;
+        var kv = vec3(0.0);
+        // The diagonal block: xx, yy, zz and xy, xz, yz.
+        var diagonal = vec3(mass.x);
+        var mixed = vec3(0.0);
+        for (var q = 0u; q < row.y; q++) {
+            let neighbours = textureLoad(columns, column_texel(row.x, i, q), 0);
+            for (var k = 0u; k < 4u; k++) {
+                let j = neighbours[k];
+                let place = spring_texel(row.x, i, q * 4u + k);
+                let spring = textureLoad(springs, place, 0);
+                let d = textureLoad(positions, at(j), 0).xyz - x;
+                let w = textureLoad(velocities, at(j), 0).xyz - v;
+                let l = length(d);
+                let n = along(d, l);
+                // Coincident ends of a spring with a rest length: no direction, no transverse term.
+                let t = select(select(0.0, 1.0, spring.y == 0.0), max(1.0 - spring.y / l, 0.0), l > 0.0);
+                kv += spring.x * ((1.0 - t) * n * dot(n, w) + t * w);
+                let damping = select(params.damping + params.damping_time * spring.x, 0.0, j == i);
+                let axial = select(0.0, h * damping, params.axial != 0u);
+                let u = sqrt(h * h * spring.x * (1.0 - t) + axial) * n;
+                let b = h * h * spring.x * t + (h * damping - axial);
+                textureStore(edges, place, vec4(u, b));
+                diagonal += u * u + b;
+                mixed += u.xxy * u.yzz;
+            }
+        }
+        var r = vec3(0.0);
+        var a0 = vec4(0.0);
+        var a1 = vec4(0.0);
+        if mass.y != 0.0 {
+            r = h * (textureLoad(forces, at(i), 0).xyz + h * kv);
+            // Scaled to its largest entry, so that the determinant stays in range.
+            let scale = max(max(diagonal.x, diagonal.y), diagonal.z);
+            let c = diagonal / scale;
+            let m = mixed / scale;
+            let xx = c.y * c.z - m.z * m.z;
+            let xy = m.y * m.z - m.x * c.z;
+            let xz = m.x * m.z - m.y * c.y;
+            let yy = c.x * c.z - m.y * m.y;
+            let yz = m.x * m.y - c.x * m.z;
+            let zz = c.x * c.y - m.x * m.x;
+            let determinant = c.x * xx + m.x * xy + m.y * xz;
+            if determinant > 1e-6 {
+                let inverse = 1.0 / (determinant * scale);
+                a0 = vec4(xx, xy, xz, yy) * inverse;
+                a1 = vec4(yz, zz, 0.0, 0.0) * inverse;
+            } else {
+                // A node held by next to nothing in some direction: its plain diagonal will do.
+                a0 = vec4(1.0 / diagonal.x, 0.0, 0.0, 1.0 / diagonal.y);
+                a1 = vec4(0.0, 1.0 / diagonal.z, 0.0, 0.0);
+            }
+        }
+        let z = symmetric(a0, a1, r);
+        textureStore(residual, at(i), vec4(r, 0.0));
+        textureStore(preconditioned, at(i), vec4(z, 0.0));
+        textureStore(preconditioner, at(2u * i), a0);
+        textureStore(preconditioner, at(2u * i + 1u), a1);
+        let weight = select(0.0, (diagonal.x + diagonal.y + diagonal.z) / 3.0, mass.y != 0.0);
+        sum += vec4(dot(r, z), weight, 0.0, 0.0);
+    }
+    let total = reduce(sum, lane);
+    if lane == 0u {
+        partials[group.x] = total;
+    }
+    if id.x == 0u {
+        scalars = CgScalars(0.0, 0.0, 0.0, 0u, 0u, 0u, 0u, 0u);
+    }
+}

@@ -1,0 +1,319 @@
+//! A deformable body: a mesh's nodes and springs on the GPU.
+
+use super::material::Material;
+use super::network::SpringNetwork;
+use super::nodes::Nodes;
+use super::rows::Rows;
+use super::units::Units;
+use crate::gpu::{Array, Gpu, Texel};
+use crate::mesh::TetMesh;
+use crate::{Error, Result};
+use glam::{DVec3, Vec3};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Gives every body its own number.
+static BODIES: AtomicU64 = AtomicU64::new(0);
+
+/// A mesh made of a material, on the GPU: state, masses, springs, forces.
+///
+/// Node i of the mesh is item i of every array. Positions and velocities go in and come out in
+/// file units (and file units a second), forces in newtons. Changes made here take effect with
+/// the next step.
+#[derive(Debug)]
+pub struct Body {
+    pub(super) gpu: Gpu,
+    pub(super) id: u64,
+    nodes: Nodes,
+    pub(super) velocities: Array,
+    /// Mass and inverse mass; the inverse is 0 for a pinned node.
+    pub(super) masses: Array,
+    /// Newtons.
+    pub(super) external: Array,
+    pub(super) rows: Array,
+    pub(super) columns: Array,
+    pub(super) springs: Array,
+    pub(super) network: Arc<SpringNetwork>,
+    pub(super) units: Units,
+    gravity: DVec3,
+    pinned: Vec<bool>,
+    forces: Vec<[f32; 4]>,
+    masses_changed: bool,
+    /// Changes when the state or what acts on it was changed from outside.
+    revision: u64,
+}
+
+impl Body {
+    /// The body that `mesh` is when made of `material`: at rest, nothing pinned, no gravity.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the mesh does not
+    /// fit the device.
+    pub fn new(gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<Body> {
+        let network = SpringNetwork::new(mesh, material)?;
+        let units = Units::of(&network);
+        let nodes = Nodes::new(gpu, mesh)?;
+        let frame = nodes.frame();
+        let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
+        let rows = Rows::new(&network, &rest, &units)?;
+        let zero = vec![[0.0f32; 4]; nodes.len()];
+        let mut body = Body {
+            gpu: gpu.clone(),
+            id: BODIES.fetch_add(1, Ordering::Relaxed),
+            velocities: gpu.array_of("velocities", Texel::F32x4, &zero)?,
+            masses: gpu.array("masses", Texel::F32x2, nodes.len())?,
+            external: gpu.array_of("external forces", Texel::F32x4, &zero)?,
+            rows: gpu.array_of("rows", Texel::U32x2, &rows.rows)?,
+            columns: gpu.array_of("columns", Texel::U32x4, &rows.columns)?,
+            springs: gpu.array_of("springs", Texel::F32x2, &rows.springs)?,
+            pinned: vec![false; nodes.len()],
+            nodes,
+            network: Arc::new(network),
+            units,
+            gravity: DVec3::ZERO,
+            forces: zero,
+            masses_changed: true,
+            revision: 0,
+        };
+        body.flush()?;
+        Ok(body)
+    }
+
+    /// Number of nodes.
+    pub fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// The positions, for drawing.
+    pub fn nodes(&self) -> &Nodes {
+        &self.nodes
+    }
+
+    /// Masses and springs in float64.
+    pub fn network(&self) -> &SpringNetwork {
+        &self.network
+    }
+
+    /// The units of the arrays on the GPU.
+    pub fn units(&self) -> Units {
+        self.units
+    }
+
+    /// Pins every node whose rest position, in file units, satisfies `where_`: it stays where it
+    /// is from now on. Returns how many nodes are pinned now.
+    pub fn pin(&mut self, where_: impl Fn(DVec3) -> bool) -> usize {
+        for (pinned, x) in self.pinned.iter_mut().zip(&self.network.rest) {
+            *pinned |= where_(self.network.to_file(*x));
+        }
+        self.masses_changed = true;
+        self.changed();
+        self.pinned_count()
+    }
+
+    /// Pins the nodes listed.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a node that does not exist.
+    pub fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
+        let count = self.node_count();
+        if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
+            return Err(Error::Input(format!(
+                "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
+            )));
+        }
+        for v in nodes {
+            self.pinned[*v as usize] = true;
+        }
+        self.masses_changed = true;
+        self.changed();
+        Ok(())
+    }
+
+    /// Pins the nodes in the lowest 5 % of the longest axis of the bounds and lets `gravity`
+    /// (m/s²) act across it: what is done where nothing else was asked for. Returns a sentence
+    /// that says so.
+    pub fn pin_lowest_end(&mut self, gravity: f64) -> String {
+        let rest = &self.network.rest;
+        let (low, high) = crate::mesh::bounds(rest);
+        let extent = high - low;
+        let axis = extent.max_position();
+        // Down is −z, unless the body stands along z.
+        let down = if axis == 2 {
+            DVec3::NEG_Y
+        } else {
+            DVec3::NEG_Z
+        };
+        let limit = low[axis] + 0.05 * extent[axis];
+        for (pinned, x) in self.pinned.iter_mut().zip(rest) {
+            *pinned |= x[axis] <= limit;
+        }
+        self.masses_changed = true;
+        self.set_gravity(gravity * down);
+        format!(
+            "pinned the {} nodes in the lowest 5 % of {}, the longest axis; gravity of {gravity} m/s² acts along {}",
+            self.pinned_count(),
+            ["x", "y", "z"][axis],
+            if axis == 2 { "-y" } else { "-z" },
+        )
+    }
+
+    /// Lets every node go.
+    pub fn unpin_all(&mut self) {
+        self.pinned.fill(false);
+        self.masses_changed = true;
+        self.changed();
+    }
+
+    /// Which nodes are pinned.
+    pub fn pinned(&self) -> &[bool] {
+        &self.pinned
+    }
+
+    fn pinned_count(&self) -> usize {
+        self.pinned.iter().filter(|p| **p).count()
+    }
+
+    /// Sets gravity, m/s² along the file's axes.
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.gravity = gravity;
+        self.changed();
+    }
+
+    /// Gravity, m/s².
+    pub fn gravity(&self) -> DVec3 {
+        self.gravity
+    }
+
+    /// Sets the external force on every node, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
+        self.gpu.write_array(&self.external, &self.forces)?;
+        self.changed();
+        Ok(())
+    }
+
+    /// Adds `force` (N in all) in equal shares to the nodes whose rest position, in file units,
+    /// satisfies `where_`. Returns how many they are.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the force is not finite or there are no such nodes.
+    pub fn add_force(&mut self, force: DVec3, where_: impl Fn(DVec3) -> bool) -> Result<usize> {
+        let rest = self.network.rest.iter().enumerate();
+        let chosen: Vec<usize> = rest
+            .filter(|(_, x)| where_(self.network.to_file(**x)))
+            .map(|(i, _)| i)
+            .collect();
+        if chosen.is_empty() || !force.is_finite() {
+            return Err(Error::Input(format!(
+                "a force of {force} N on {} nodes cannot be applied",
+                chosen.len()
+            )));
+        }
+        let share = (force / chosen.len() as f64).as_vec3();
+        for i in &chosen {
+            for (axis, f) in share.to_array().iter().enumerate() {
+                self.forces[*i][axis] += f;
+            }
+        }
+        self.gpu.write_array(&self.external, &self.forces)?;
+        self.changed();
+        Ok(chosen.len())
+    }
+
+    /// The external force on every node, for callers who write it on the GPU: rgba32float, xyz in
+    /// newtons along the file's axes. [`Body::set_forces`] and [`Body::add_force`] overwrite it.
+    pub fn force_array(&self) -> &Array {
+        &self.external
+    }
+
+    /// The velocities on the GPU: rgba32float, xyz in local units (see [`Units`]).
+    pub fn velocity_array(&self) -> &Array {
+        &self.velocities
+    }
+
+    /// Positions in file units, read back.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`].
+    pub fn positions(&self) -> Result<Vec<DVec3>> {
+        self.nodes.positions()
+    }
+
+    /// Velocities in file units a second, read back. Of Verlet, which has no other: the mean over
+    /// the last step.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`].
+    pub fn velocities(&self) -> Result<Vec<DVec3>> {
+        let local: Vec<[f32; 4]> = self.gpu.read_array(&self.velocities)?;
+        let unit = self.units.velocity() / self.network.length_unit;
+        Ok(local
+            .iter()
+            .map(|v| Vec3::new(v[0], v[1], v[2]).as_dvec3() * unit)
+            .collect())
+    }
+
+    /// Moves the nodes to `positions`, in file units.
+    ///
+    /// # Errors
+    /// As [`Nodes::set_positions`].
+    pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.nodes.set_positions(positions)?;
+        self.changed();
+        Ok(())
+    }
+
+    /// Sets the velocities, in file units a second. Pinned nodes stay at rest.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of velocities or one that is not finite.
+    pub fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        let unit = self.units.velocity() / self.network.length_unit;
+        let local = self
+            .nodes
+            .check("velocities", velocities, |v| (v / unit).as_vec3())?;
+        self.gpu.write_array(&self.velocities, &local)?;
+        self.changed();
+        Ok(())
+    }
+
+    /// Says that positions, velocities or anything else was changed from outside: the solvers
+    /// start afresh from what they find. Not needed after writing [`Body::force_array`].
+    pub fn changed(&mut self) {
+        self.revision += 1;
+        self.nodes.mark_moved();
+    }
+
+    pub(super) fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    pub(super) fn mark_moved(&mut self) {
+        self.nodes.mark_moved();
+    }
+
+    /// Uploads what was changed on the CPU only.
+    pub(super) fn flush(&mut self) -> Result<()> {
+        if !self.masses_changed {
+            return Ok(());
+        }
+        let masses: Vec<[f32; 2]> = self
+            .network
+            .masses
+            .iter()
+            .zip(&self.pinned)
+            .map(|(m, pinned)| {
+                let mass = (m / self.units.mass) as f32;
+                // A massless node has no equation of motion: it stays.
+                let free = !pinned && mass.is_normal() && (1.0 / mass).is_finite();
+                [mass, if free { 1.0 / mass } else { 0.0 }]
+            })
+            .collect();
+        self.gpu.write_array(&self.masses, &masses)?;
+        self.masses_changed = false;
+        Ok(())
+    }
+}

@@ -1,0 +1,32 @@
+//! Explicit Euler; the twin of `shaders/physics/explicit_euler.wgsl` and `reference::steppers::explicit_euler`.
+
+use super::stepper::{self, Core, StepPasses, Timing};
+use super::{Body, SolverKind, moves};
+use crate::Result;
+
+/// Nothing but its pass.
+#[derive(Debug)]
+pub struct Scheme;
+
+impl stepper::Scheme for Scheme {
+    const KIND: SolverKind = SolverKind::Explicit;
+
+    fn new(_: &Core, _: &Body) -> Result<Scheme> {
+        Ok(Scheme)
+    }
+
+    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
+        let target = &core.next_velocities;
+        Ok(StepPasses {
+            before: vec![moves::pass(
+                core,
+                body,
+                "physics/explicit_euler",
+                target,
+                timing.dt,
+                timing.dt,
+            )?],
+            ..StepPasses::default()
+        })
+    }
+}

@@ -1,0 +1,226 @@
+//! What the GPU notes of every step, and what becomes of it on the CPU. The twin of
+//! `shaders/lib/status.wgsl`.
+
+use super::units::Units;
+use super::{Body, SolverKind, largest_stable_step};
+use crate::Error;
+
+/// Steps in the history ring.
+pub(super) const HISTORY: u32 = 1024;
+
+pub(super) mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/lib/status.wgsl`.
+        pub struct Status {
+            pub failed: u32,
+            pub solving: u32,
+            pub accepted: u32,
+            pub steps: u32,
+            pub iterations: u32,
+            pub residual: f32,
+            pub baseline: f32,
+            pub work: f32,
+            pub kinetic: f32,
+            pub elastic: f32,
+            pub _pad0: u32,
+            pub _pad1: u32,
+        }
+    }
+}
+use gpu_data::Status;
+
+const NON_FINITE: u32 = 1;
+const RUNAWAY_ENERGY: u32 = 2;
+
+/// How far a solver came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Steps completed since the solver was made.
+    pub steps: u64,
+    /// Simulated time, s.
+    pub time: f64,
+    /// The last step.
+    pub last: StepRecord,
+}
+
+/// One step, as the GPU noted it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepRecord {
+    /// Iterations of conjugate gradients; 0 for explicit solvers.
+    pub iterations: u32,
+    /// Their relative residual, √(rᵀD⁻¹r / bᵀD⁻¹b) with D the diagonal blocks.
+    pub residual: f64,
+    /// Energy of motion, J (in f32; of Verlet: of the mean velocity over the step).
+    pub kinetic: f64,
+    /// Energy in the springs, J (in f32).
+    pub elastic: f64,
+}
+
+impl StepRecord {
+    pub(super) fn of_gpu(noted: [f32; 4], units: &Units) -> StepRecord {
+        StepRecord {
+            iterations: noted[0] as u32,
+            residual: f64::from(noted[1]),
+            kinetic: f64::from(noted[2]) * units.energy(),
+            elastic: f64::from(noted[3]) * units.energy(),
+        }
+    }
+}
+
+/// Steps recorded and the time they take, to know the time of a number of steps.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Clock {
+    /// Steps and their length, oldest first.
+    runs: Vec<(u64, f64)>,
+    /// Steps and time before the first of them.
+    past: (u64, f64),
+    /// The lower 32 bits are what the GPU counts.
+    completed: u64,
+}
+
+impl Clock {
+    pub fn record(&mut self, steps: u32, dt: f64) {
+        match self.runs.last_mut() {
+            Some((n, same)) if *same == dt => *n += u64::from(steps),
+            _ => self.runs.push((u64::from(steps), dt)),
+        }
+    }
+
+    /// Takes note of the GPU's count.
+    pub fn complete(&mut self, count: u32) {
+        self.completed += u64::from(count.wrapping_sub(self.completed as u32));
+        while let Some((steps, dt)) = self.runs.first().copied()
+            && self.runs.len() > 1
+            && self.past.0 + steps <= self.completed
+        {
+            self.past = (self.past.0 + steps, self.past.1 + steps as f64 * dt);
+            self.runs.remove(0);
+        }
+    }
+
+    /// Forgets steps that were recorded but will not be done.
+    pub fn settle(&mut self) {
+        self.past = (self.completed, self.time());
+        let dt = self.dt();
+        self.runs = vec![(0, dt)];
+    }
+
+    pub fn steps(&self) -> u64 {
+        self.completed
+    }
+
+    pub fn time(&self) -> f64 {
+        let (mut steps, mut time) = self.past;
+        for (n, dt) in &self.runs {
+            let done = (*n).min(self.completed - steps);
+            steps += done;
+            time += done as f64 * dt;
+        }
+        time
+    }
+
+    pub fn dt(&self) -> f64 {
+        self.runs.last().map_or(0.0, |r| r.1)
+    }
+}
+
+impl Status {
+    pub fn progress(&self, clock: &Clock, units: &Units) -> Progress {
+        let noted = [
+            self.iterations as f32,
+            self.residual,
+            self.kinetic,
+            self.elastic,
+        ];
+        Progress {
+            steps: clock.steps(),
+            time: clock.time(),
+            last: StepRecord::of_gpu(noted, units),
+        }
+    }
+
+    /// The error that the GPU found, if it did.
+    pub fn error(&self, kind: SolverKind, clock: &Clock, body: &Body) -> Option<Error> {
+        if self.failed == 0 {
+            return None;
+        }
+        let what = match self.failed {
+            NON_FINITE => "a position, velocity or force is no longer a finite number".to_owned(),
+            RUNAWAY_ENERGY => format!(
+                "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({:.3e} J) and was given since ({:.3e} J)",
+                f64::from(self.baseline) * body.units.energy(),
+                f64::from(self.work) * body.units.energy()
+            ),
+            _ => format!(
+                "conjugate gradients came to a relative residual of only {:.1e} in {} iterations",
+                self.residual, self.iterations
+            ),
+        };
+        Some(Error::Solver {
+            solver: kind.name(),
+            step: clock.steps() + 1,
+            time: clock.time(),
+            what,
+            advice: advice(kind, clock.dt(), body),
+        })
+    }
+}
+
+/// How often its energy at the start and the work done since a body may have: near the limit of
+/// stability an explicit scheme's energy swings by a good factor, while an instability passes any.
+pub(super) const ENERGY_FACTOR: f64 = 16.0;
+
+/// Energy, of one node at local units, below which nothing is called a runaway: rounding.
+pub(super) const ENERGY_FLOOR: f64 = 1e-9;
+
+fn advice(kind: SolverKind, dt: f64, body: &Body) -> String {
+    match largest_stable_step(&body.network, body.pinned(), kind) {
+        None => format!(
+            "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
+        ),
+        Some(0.0) => {
+            "explicit Euler is never stable without damping: use --solver implicit, or symplectic"
+                .to_owned()
+        }
+        Some(limit) if dt < 0.9 * limit => format!(
+            "its largest stable step at rest is {limit:.3e} s, so look for forces or velocities that are out of proportion, or use --solver implicit"
+        ),
+        Some(limit) => format!(
+            "use --dt {} or less, or --solver implicit",
+            round_down(0.95 * limit)
+        ),
+    }
+}
+
+/// `x` with two significant digits, not more than `x`.
+fn round_down(x: f64) -> f64 {
+    let unit = 10f64.powf(x.log10().floor() - 1.0);
+    // Through text, to shed the binary dust of the multiplication.
+    format!("{:.1e}", (x / unit).floor() * unit)
+        .parse()
+        .unwrap_or(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_knows_the_time_of_any_number_of_steps() {
+        let mut clock = Clock::default();
+        clock.record(3, 0.5);
+        clock.record(2, 0.25);
+        clock.complete(2);
+        assert_eq!((clock.steps(), clock.time()), (2, 1.0));
+        clock.complete(4);
+        assert_eq!((clock.steps(), clock.time()), (4, 1.75));
+        clock.complete(5);
+        assert_eq!(clock.time(), 2.0);
+    }
+
+    #[test]
+    fn advice_never_rounds_up() {
+        assert_eq!(round_down(0.000349), 0.00034);
+        assert_eq!(round_down(1.0), 1.0);
+    }
+}

@@ -1,0 +1,293 @@
+//! Implicit Euler after Baraff & Witkin; the twin of `shaders/physics/implicit_euler*.wgsl` and
+//! `reference::steppers::implicit_euler`.
+//!
+//! A step sets up the system (one pass), runs conjugate gradients (two passes an iteration, the
+//! sums of either half added up at the start of the next), and moves the nodes. Iterations after
+//! convergence find the answer already there and return at once; where the iterations recorded
+//! for a step are not enough, the next ones recorded go on with it.
+
+use super::stepper::{self, Core, StepPasses, Stepper, Timing};
+use super::{Body, Damping, SolverKind};
+use crate::gpu::{Array, Gpu, Pass, Texel};
+use crate::{Error, Result};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/physics/implicit_euler_begin.wgsl`.
+        pub struct BeginParams {
+            pub nodes: u32,
+            pub dt: f32,
+            pub damping: f32,
+            pub damping_time: f32,
+            pub axial: u32,
+            pub _pad0: u32,
+            pub _pad1: u32,
+            pub _pad2: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/lib/cg.wgsl`.
+        pub struct CgParams {
+            pub nodes: u32,
+            pub groups: u32,
+            pub max_iterations: u32,
+            pub tolerance: f32,
+            pub acceptable: f32,
+            pub negligible: f32,
+            pub _pad0: u32,
+            pub _pad1: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/lib/cg.wgsl`.
+        pub struct CgScalars {
+            pub rz: f32,
+            pub rz_start: f32,
+            pub rz_floor: f32,
+            pub iterations: u32,
+            pub done: u32,
+            pub _pad0: u32,
+            pub _pad1: u32,
+            pub _pad2: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/implicit_euler.wgsl`.
+        pub struct AdvanceParams {
+            pub nodes: u32,
+            pub dt: f32,
+        }
+    }
+}
+use gpu_data::{AdvanceParams, BeginParams, CgParams, CgScalars};
+
+/// Movement in one step, in units of the body's extent, that f32 positions do not show.
+const NEGLIGIBLE: f32 = 1e-9;
+
+/// When conjugate gradients stop. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the diagonal
+/// blocks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConjugateGradients {
+    /// The residual to reach.
+    pub tolerance: f64,
+    /// The residual that is still taken when the iterations run out; above it the step fails.
+    pub acceptable: f64,
+    /// Iterations a step at most.
+    pub max_iterations: u32,
+}
+
+impl Default for ConjugateGradients {
+    fn default() -> Self {
+        ConjugateGradients {
+            tolerance: 1e-4,
+            acceptable: 1e-2,
+            max_iterations: 400,
+        }
+    }
+}
+
+/// The linear system and the vectors of conjugate gradients, each vector twice for ping-pong.
+#[derive(Debug)]
+pub struct Scheme {
+    settings: ConjugateGradients,
+    edges: Array,
+    preconditioner: Array,
+    product: Array,
+    solution: [Array; 2],
+    residual: [Array; 2],
+    preconditioned: [Array; 2],
+    direction: [Array; 2],
+    scalars: [wgpu::Buffer; 2],
+    rz_partials: wgpu::Buffer,
+    pq_partials: wgpu::Buffer,
+}
+
+impl Stepper<Scheme> {
+    /// A solver for `body` whose conjugate gradients stop as `settings` say.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings that make no sense; otherwise as [`Stepper::new`].
+    pub fn with(gpu: &Gpu, body: &Body, settings: ConjugateGradients) -> Result<Self> {
+        let ConjugateGradients {
+            tolerance,
+            acceptable,
+            max_iterations,
+        } = settings;
+        if !(tolerance > 0.0 && tolerance < 1.0 && acceptable >= tolerance && max_iterations > 0) {
+            return Err(Error::Input(format!(
+                "conjugate gradients cannot be run with {settings:?}: 0 < tolerance < 1, tolerance ≤ acceptable, and at least one iteration"
+            )));
+        }
+        let mut stepper = Self::new(gpu, body)?;
+        stepper.scheme.settings = settings;
+        Ok(stepper)
+    }
+}
+
+impl stepper::Scheme for Scheme {
+    const KIND: SolverKind = SolverKind::Implicit;
+
+    fn new(core: &Core, body: &Body) -> Result<Scheme> {
+        let gpu = &core.gpu;
+        let nodes = body.node_count();
+        let vector = |label| gpu.array(label, Texel::F32x4, nodes);
+        let pair = |label| -> Result<[Array; 2]> { Ok([vector(label)?, vector(label)?]) };
+        let scalars = || gpu.buffer("cg scalars", size_of::<CgScalars>() as u64);
+        let partials = |label| gpu.buffer(label, u64::from(core.groups) * 16);
+        Ok(Scheme {
+            settings: ConjugateGradients::default(),
+            edges: gpu.array("edges", Texel::F32x4, body.springs.len() as usize)?,
+            preconditioner: gpu.array("preconditioner", Texel::F32x4, 2 * nodes)?,
+            product: vector("product")?,
+            solution: pair("solution")?,
+            residual: pair("residual")?,
+            preconditioned: pair("preconditioned residual")?,
+            direction: pair("direction")?,
+            scalars: [scalars()?, scalars()?],
+            rz_partials: partials("partial r·z")?,
+            pq_partials: partials("partial p·q")?,
+        })
+    }
+
+    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
+        let params = self.params(core, timing);
+        Ok(StepPasses {
+            before: vec![self.begin(core, body, timing)?],
+            iterations: vec![
+                self.find_direction(core, body, 0, &params)?,
+                self.update(core, 0, &params)?,
+                self.find_direction(core, body, 1, &params)?,
+                self.update(core, 1, &params)?,
+            ],
+            settle: vec![
+                core.gpu
+                    .pass("physics/implicit_euler_finish")
+                    .constant("WORKGROUP", f64::from(core.workgroup))
+                    .read(&self.rz_partials)
+                    .read(&self.scalars[0])
+                    .write(&core.status)
+                    .params(&params)
+                    .over(core.workgroup)?,
+                core.gpu
+                    .pass("physics/implicit_euler")
+                    .read(body.nodes().array())
+                    .read(&body.velocities)
+                    .read(&body.masses)
+                    .read(&self.solution[0])
+                    .read(&self.solution[1])
+                    .read(&core.status)
+                    .write(&core.next_positions)
+                    .write(&core.next_velocities)
+                    .params(&AdvanceParams {
+                        nodes: core.nodes,
+                        dt: timing.dt,
+                    })
+                    .over(core.nodes)?,
+            ],
+            ..StepPasses::default()
+        })
+    }
+
+    fn max_iterations(&self) -> u32 {
+        self.settings.max_iterations
+    }
+}
+
+impl Scheme {
+    fn params(&self, core: &Core, timing: Timing) -> CgParams {
+        let square = |x: f64| (x * x) as f32;
+        CgParams {
+            nodes: core.nodes,
+            groups: core.groups,
+            max_iterations: self.settings.max_iterations,
+            tolerance: square(self.settings.tolerance),
+            acceptable: square(self.settings.acceptable),
+            negligible: (NEGLIGIBLE / timing.dt).powi(2),
+            _pad0: 0,
+            _pad1: 0,
+        }
+    }
+
+    /// Sets up the system of a step.
+    fn begin(&self, core: &Core, body: &Body, timing: Timing) -> Result<Pass> {
+        let params = BeginParams {
+            nodes: core.nodes,
+            dt: timing.dt,
+            damping: (body.network.damping / body.units.damping()) as f32,
+            damping_time: (body.network.damping_time / body.units.time) as f32,
+            axial: u32::from(body.network.damping_kind == Damping::Axial),
+            _pad0: 0,
+            _pad1: 0,
+            _pad2: 0,
+        };
+        core.gpu
+            .pass("physics/implicit_euler_begin")
+            .constant("WORKGROUP", f64::from(core.workgroup))
+            .read(body.nodes().array())
+            .read(&body.velocities)
+            .read(&body.masses)
+            .read(&core.forces)
+            .read(&body.rows)
+            .read(&body.columns)
+            .read(&body.springs)
+            .read(&core.status)
+            .write(&self.edges)
+            .write(&self.preconditioner)
+            .write(&self.residual[0])
+            .write(&self.preconditioned[0])
+            .write(&self.rz_partials)
+            .write(&self.scalars[0])
+            .params(&params)
+            .over(core.groups * core.workgroup)
+    }
+
+    /// First half of an iteration, from slot `from` of the vectors to the other.
+    fn find_direction(
+        &self,
+        core: &Core,
+        body: &Body,
+        from: usize,
+        params: &CgParams,
+    ) -> Result<Pass> {
+        core.gpu
+            .pass("physics/implicit_euler_direction")
+            .constant("WORKGROUP", f64::from(core.workgroup))
+            .read(&self.preconditioned[from])
+            .read(&self.direction[from])
+            .read(&body.masses)
+            .read(&body.rows)
+            .read(&body.columns)
+            .read(&self.edges)
+            .read(&core.status)
+            .read(&self.rz_partials)
+            .read(&self.scalars[from])
+            .write(&self.direction[1 - from])
+            .write(&self.product)
+            .write(&self.pq_partials)
+            .write(&self.scalars[1 - from])
+            .params(params)
+            .over(core.groups * core.workgroup)
+    }
+
+    /// Second half of an iteration.
+    fn update(&self, core: &Core, from: usize, params: &CgParams) -> Result<Pass> {
+        core.gpu
+            .pass("physics/implicit_euler_update")
+            .constant("WORKGROUP", f64::from(core.workgroup))
+            .read(&self.direction[1 - from])
+            .read(&self.product)
+            .read(&self.solution[from])
+            .read(&self.residual[from])
+            .read(&self.preconditioner)
+            .read(&core.status)
+            .read(&self.pq_partials)
+            .read(&self.scalars[from])
+            .read(&self.scalars[1 - from])
+            .write(&self.solution[1 - from])
+            .write(&self.residual[1 - from])
+            .write(&self.preconditioned[1 - from])
+            .write(&self.rz_partials)
+            .params(params)
+            .over(core.groups * core.workgroup)
+    }
+}

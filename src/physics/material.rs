@@ -1,0 +1,148 @@
+//! What a body is made of: stiffness, mass, damping.
+
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+
+/// Where the stiffness of the springs comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stiffness {
+    /// Young's modulus E in Pa: κ_ij = E·ΣV_t / L_ij² over the tets t around the edge, which
+    /// gives the body the modulus E (at Poisson's ratio ¼) whatever the mesh.
+    Young(f64),
+    /// One spring constant κ in N/m for every edge, as in the paper: finer meshes are stiffer.
+    Uniform(f64),
+}
+
+/// Which part of the relative velocity of a spring's ends is damped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Damping {
+    /// The part along the spring: −κ_d x̂x̂ᵀ(v_i − v_j). The default, because it leaves rigid
+    /// motion alone: a free body keeps its momentum and its spin.
+    #[default]
+    Axial,
+    /// All of it, −κ_d(v_i − v_j), as in the paper (equation 3); it brakes rigid rotation too.
+    Relative,
+}
+
+/// What a body is made of, and in which unit its mesh is given.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Stiffness of the springs.
+    pub stiffness: Stiffness,
+    /// Mass per volume, kg/m³.
+    pub density: f64,
+    /// Damping constant κ_d of every spring, N·s/m.
+    pub damping: f64,
+    /// Damping in proportion to stiffness, in seconds: adds `damping_time · κ` to each spring's
+    /// κ_d, which damps meshes of any size and fineness alike.
+    pub damping_time: f64,
+    /// What is damped.
+    pub damping_kind: Damping,
+    /// A cell field whose values are labels of regions; see [`Material::regions`].
+    pub region_field: Option<String>,
+    /// Factor on the stiffness of the tets of each label; 1 for labels not named.
+    pub regions: BTreeMap<i64, f64>,
+    /// A node field of factors on the stiffness; a spring takes the mean of its two ends.
+    pub node_field: Option<String>,
+    /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
+    pub length_unit: f64,
+}
+
+impl Material {
+    /// A material of Young's modulus `young` (Pa) with the density of water, undamped.
+    pub fn young(young: f64) -> Material {
+        Material {
+            stiffness: Stiffness::Young(young),
+            density: 1000.0,
+            damping: 0.0,
+            damping_time: 0.0,
+            damping_kind: Damping::default(),
+            region_field: None,
+            regions: BTreeMap::new(),
+            node_field: None,
+            length_unit: 1.0,
+        }
+    }
+
+    /// The paper's material: one spring constant `stiffness` (N/m) for all springs, damping
+    /// `damping` (N·s/m) of the whole relative velocity, the density of water.
+    pub fn paper(stiffness: f64, damping: f64) -> Material {
+        Material {
+            stiffness: Stiffness::Uniform(stiffness),
+            damping,
+            damping_kind: Damping::Relative,
+            ..Material::young(0.0)
+        }
+    }
+
+    /// Muscle and organs: E = 30 kPa, well damped.
+    pub fn soft_tissue() -> Material {
+        Material {
+            density: 1060.0,
+            damping_time: 0.02,
+            ..Material::young(3e4)
+        }
+    }
+
+    /// Fat and brain: E = 3 kPa, well damped.
+    pub fn very_soft_tissue() -> Material {
+        Material {
+            density: 950.0,
+            damping_time: 0.05,
+            ..Material::young(3e3)
+        }
+    }
+
+    /// Cartilage and firm rubber: E = 1 MPa.
+    pub fn rubber() -> Material {
+        Material {
+            density: 1100.0,
+            damping_time: 0.005,
+            ..Material::young(1e6)
+        }
+    }
+
+    /// A preset by name: `soft-tissue`, `very-soft-tissue`, `rubber`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] listing the names there are.
+    pub fn preset(name: &str) -> Result<Material> {
+        match name {
+            "soft-tissue" => Ok(Material::soft_tissue()),
+            "very-soft-tissue" => Ok(Material::very_soft_tissue()),
+            "rubber" => Ok(Material::rubber()),
+            _ => Err(Error::Input(format!(
+                "there is no material \"{name}\"; there are soft-tissue, very-soft-tissue and rubber"
+            ))),
+        }
+    }
+
+    /// Refuses numbers that make no sense.
+    pub(crate) fn check(&self) -> Result<()> {
+        let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = self.stiffness;
+        let numbers = [
+            ("stiffness", stiffness, stiffness >= 0.0),
+            ("density", self.density, self.density > 0.0),
+            ("damping", self.damping, self.damping >= 0.0),
+            ("damping time", self.damping_time, self.damping_time >= 0.0),
+            ("length unit", self.length_unit, self.length_unit > 0.0),
+        ];
+        for (name, value, fits) in numbers {
+            if !value.is_finite() || !fits {
+                return Err(Error::Input(format!(
+                    "material: a {name} of {value} makes no sense; give a finite positive number"
+                )));
+            }
+        }
+        match self
+            .regions
+            .iter()
+            .find(|(_, f)| !f.is_finite() || **f < 0.0)
+        {
+            Some((label, factor)) => Err(Error::Input(format!(
+                "material: region {label} has the stiffness factor {factor}; give a finite positive number"
+            ))),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! Deformable bodies stepped on the GPU: particles at the nodes of a mesh, springs along its
+//! edges (Tejada & Ertl 2005, section 3).
+//!
+//! A [`Body`] is a mesh made of a [`Material`]; a [`Solver`] moves it. A step is a chain of
+//! passes: the solver proposes a candidate state, its forces and energies are computed, one
+//! workgroup decides whether it is sound, and only then it becomes the state. Nothing waits for
+//! the CPU; a failure freezes the last good state until somebody asks.
+
+mod body;
+mod explicit_euler;
+mod guard;
+mod implicit_euler;
+mod kind;
+mod material;
+mod moves;
+mod network;
+mod nodes;
+mod report;
+mod rows;
+mod solver;
+mod stability;
+mod stepper;
+mod symplectic_euler;
+mod units;
+mod velocity_verlet;
+mod verlet;
+
+pub use body::Body;
+pub use guard::{Progress, StepRecord};
+pub use implicit_euler::ConjugateGradients;
+pub use kind::SolverKind;
+pub use material::{Damping, Material, Stiffness};
+pub use network::{Spring, SpringNetwork};
+pub use nodes::Nodes;
+pub use report::{Energy, Report};
+pub use solver::Solver;
+pub use stability::largest_stable_step;
+pub use stepper::Stepper;
+pub use units::Units;
+
+/// Explicit Euler: x' = x + h v, v' = v + h a. Never stable without damping.
+pub type ExplicitEuler = Stepper<explicit_euler::Scheme>;
+/// Symplectic Euler: v' = v + h a, x' = x + h v'.
+pub type SymplecticEuler = Stepper<symplectic_euler::Scheme>;
+/// Verlet: x' = 2x − x₋₁ + h² a, started with x₋₁ = x₀ − h v₀ + ½h² a₀.
+pub type Verlet = Stepper<verlet::Scheme>;
+/// Velocity Verlet: v½ = v + ½h a, x' = x + h v½, v' = v½ + ½h a'.
+pub type VelocityVerlet = Stepper<velocity_verlet::Scheme>;
+/// Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h(f + h K̃ v).
+pub type ImplicitEuler = Stepper<implicit_euler::Scheme>;

@@ -1,0 +1,116 @@
+//! Node positions on the GPU: all that drawing a body takes.
+
+use crate::gpu::{Array, Gpu, Texel};
+use crate::mesh::{LocalFrame, TetMesh};
+use crate::{Error, Result};
+use glam::{DVec3, Vec3};
+
+/// The positions of a mesh's nodes on the GPU, with or without physics behind them.
+///
+/// Node i of the mesh is item i of the array, in the local frame. Whoever changes the texture by
+/// other means than this says so with [`Nodes::mark_moved`].
+#[derive(Clone, Debug)]
+pub struct Nodes {
+    gpu: Gpu,
+    positions: Array,
+    frame: LocalFrame,
+    version: u64,
+}
+
+impl Nodes {
+    /// The nodes of `mesh`, at rest.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when they do not fit the device.
+    pub fn new(gpu: &Gpu, mesh: &TetMesh) -> Result<Nodes> {
+        let frame = LocalFrame::of_mesh(mesh);
+        let local: Vec<[f32; 4]> = mesh
+            .nodes
+            .iter()
+            .map(|p| frame.to_local(*p).extend(1.0).to_array())
+            .collect();
+        Ok(Nodes {
+            gpu: gpu.clone(),
+            positions: gpu.array_of("positions", Texel::F32x4, &local)?,
+            frame,
+            version: 0,
+        })
+    }
+
+    /// The positions: rgba32float, xyz in the local frame; w is kept as it is by every step.
+    pub fn array(&self) -> &Array {
+        &self.positions
+    }
+
+    /// The local frame.
+    pub fn frame(&self) -> LocalFrame {
+        self.frame
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.positions.len() as usize
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// A number that changes whenever the nodes may have moved.
+    pub fn version(&self) -> u64 {
+        self.version
+    }
+
+    /// Says that the positions were or will be changed on the GPU.
+    pub fn mark_moved(&mut self) {
+        self.version += 1;
+    }
+
+    /// Moves the nodes to `positions`, in file units; sets w to 1.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of positions or one that is not finite.
+    pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        let local = self.check("positions", positions, |p| self.frame.to_local(p))?;
+        self.gpu.write_array(&self.positions, &local)?;
+        self.mark_moved();
+        Ok(())
+    }
+
+    /// The positions in file units, read back.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`].
+    pub fn positions(&self) -> Result<Vec<DVec3>> {
+        let local: Vec<[f32; 4]> = self.gpu.read_array(&self.positions)?;
+        Ok(local
+            .iter()
+            .map(|p| self.frame.to_file(Vec3::new(p[0], p[1], p[2])))
+            .collect())
+    }
+
+    /// One finite vector a node, ready for the GPU, with w = 1.
+    pub(super) fn check(
+        &self,
+        what: &str,
+        values: &[DVec3],
+        local: impl Fn(DVec3) -> Vec3,
+    ) -> Result<Vec<[f32; 4]>> {
+        if values.len() != self.len() {
+            return Err(Error::Input(format!(
+                "{} {what} given for {} nodes",
+                values.len(),
+                self.len()
+            )));
+        }
+        let local: Vec<Vec3> = values.iter().map(|v| local(*v)).collect();
+        match local.iter().position(|v| !v.is_finite()) {
+            Some(i) => Err(Error::Input(format!(
+                "{what}: node {i} is given {}, which is not finite (or far out of range)",
+                values[i]
+            ))),
+            None => Ok(local.iter().map(|v| v.extend(1.0).to_array()).collect()),
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! What became of a body, measured in float64 from its state read back.
+
+use super::{Body, SpringNetwork};
+use crate::Result;
+use crate::mesh::{TetMesh, bounds, signed_volume};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Energies of a body, J.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Energy {
+    /// Of motion, Σ ½mv².
+    pub kinetic: f64,
+    /// In the springs, Σ ½κ(|x| − L)².
+    pub elastic: f64,
+    /// Kinetic and elastic.
+    pub total: f64,
+}
+
+/// The state of a body, in numbers.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Report {
+    /// Energies, J.
+    pub energy: Energy,
+    /// Volume now over volume at rest.
+    pub volume_ratio: f64,
+    /// The farthest any node is from where it rested, in file units.
+    pub max_displacement: f64,
+    /// The largest extent of the bounds at rest, in file units.
+    pub extent: f64,
+    /// Tets turned inside out.
+    pub inverted: usize,
+}
+
+impl Report {
+    /// The report on `body`, which is made of `mesh`.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn new(body: &Body, mesh: &TetMesh) -> Result<Report> {
+        let positions = body.positions()?;
+        let velocities = body.velocities()?;
+        let network = body.network();
+        let volumes: Vec<f64> = mesh
+            .tets
+            .par_iter()
+            .map(|t| signed_volume(t.map(|v| positions[v as usize])))
+            .collect();
+        let farthest = positions
+            .iter()
+            .zip(&mesh.nodes)
+            .map(|(x, rest)| x.distance(*rest))
+            .fold(0.0, f64::max);
+        let (low, high) = bounds(&mesh.nodes);
+        Ok(Report {
+            energy: energy(network, &positions, &velocities),
+            volume_ratio: volumes.iter().sum::<f64>() / mesh.volume(),
+            max_displacement: farthest,
+            extent: (high - low).max_element(),
+            inverted: volumes.iter().filter(|v| **v < 0.0).count(),
+        })
+    }
+}
+
+/// Energies at a state given in file units.
+fn energy(network: &SpringNetwork, positions: &[DVec3], velocities: &[DVec3]) -> Energy {
+    let unit = network.length_unit;
+    let elastic: f64 = network
+        .springs
+        .par_iter()
+        .map(|s| {
+            let [a, b] = s.nodes.map(|v| positions[v as usize]);
+            0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
+        })
+        .sum();
+    let kinetic: f64 = network
+        .masses
+        .par_iter()
+        .zip(velocities)
+        .map(|(m, v)| 0.5 * m * (*v * unit).length_squared())
+        .sum();
+    Energy {
+        kinetic,
+        elastic,
+        total: kinetic + elastic,
+    }
+}

@@ -1,0 +1,57 @@
+//! What every solver can do.
+
+use super::guard::{Progress, StepRecord};
+use super::{Body, SolverKind};
+use crate::Result;
+use crate::gpu::Recorder;
+
+/// A time integrator bound to one body.
+///
+/// Recorded steps run without waiting for the CPU. When one of them fails, the body stays as it
+/// was before that step and all later steps do nothing; [`Solver::poll`] and [`Solver::run`] then
+/// return the error, and the body can still be read and drawn. Changing the body's state from
+/// outside clears a failure.
+pub trait Solver {
+    /// Which solver it is.
+    fn kind(&self) -> SolverKind;
+
+    /// Records `steps` steps of `dt` seconds. To be submitted before anything of `body` is
+    /// changed; long runs are better split (see [`Solver::run`]).
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for a step that is not positive or another body than
+    /// the solver was made for; otherwise what the device refuses.
+    fn record(&mut self, work: &mut Recorder, body: &mut Body, steps: u32, dt: f64) -> Result<()>;
+
+    /// Submits one step of `dt` seconds, without waiting for it.
+    ///
+    /// # Errors
+    /// As [`Solver::record`].
+    fn step(&mut self, body: &mut Body, dt: f64) -> Result<()> {
+        let mut work = body.gpu.record();
+        self.record(&mut work, body, 1, dt)?;
+        work.submit()
+    }
+
+    /// Runs `steps` steps of `dt` seconds in submits of a size that no driver takes amiss, and
+    /// waits for them.
+    ///
+    /// # Errors
+    /// [`Error::Solver`](crate::Error::Solver) when a step failed; otherwise as
+    /// [`Solver::record`].
+    fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress>;
+
+    /// Waits for what was submitted, and tells how far it came.
+    ///
+    /// # Errors
+    /// [`Error::Solver`](crate::Error::Solver) when a step failed: solver, step, time, what was
+    /// found, and what to change.
+    fn poll(&mut self, body: &Body) -> Result<Progress>;
+
+    /// Iterations, residual and energies of the latest steps (at most 1,024), oldest first, read
+    /// back.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn history(&self, body: &Body) -> Result<Vec<StepRecord>>;
+}

@@ -1,0 +1,429 @@
+//! The chain of passes that every solver's step is: propose, weigh, check, commit.
+
+use super::guard::gpu_data::Status;
+use super::guard::{Clock, ENERGY_FACTOR, ENERGY_FLOOR, HISTORY, Progress, StepRecord};
+use super::{Body, Damping, Solver, SolverKind};
+use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
+use crate::{Error, Result};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/physics/spring_forces.wgsl`.
+        pub struct ForceParams {
+            pub gravity: [f32; 4],
+            pub nodes: u32,
+            pub damping: f32,
+            pub damping_time: f32,
+            pub axial: u32,
+            pub newton: f32,
+            pub _pad0: u32,
+            pub _pad1: u32,
+            pub _pad2: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/check.wgsl`.
+        pub struct CheckParams {
+            pub kind: u32,
+            pub groups: u32,
+            pub history: u32,
+            pub dt: f32,
+            pub floor: f32,
+            pub factor: f32,
+        }
+    }
+}
+use gpu_data::{CheckParams, ForceParams};
+
+/// Spring visits in one submit: well below a second on the weakest GPU.
+const VISITS: f64 = 5e8;
+
+/// Dispatches in one submit.
+const DISPATCHES: u32 = 8192;
+
+/// What all solvers have: the candidate state, the forces, and the guard.
+#[derive(Debug)]
+pub struct Core {
+    pub(super) gpu: Gpu,
+    pub(super) nodes: u32,
+    /// Threads a workgroup, and workgroups, of passes that sum over the nodes.
+    pub(super) workgroup: u32,
+    pub(super) groups: u32,
+    pub(super) next_positions: Array,
+    pub(super) next_velocities: Array,
+    pub(super) forces: Array,
+    pub(super) partials: wgpu::Buffer,
+    pub(super) status: wgpu::Buffer,
+    history: wgpu::Buffer,
+    body: u64,
+    texels: u32,
+}
+
+/// The passes of one step, between the forces at its start and the check at its end.
+#[derive(Debug, Default)]
+pub struct StepPasses {
+    /// In place of `before` in the first step after a restart or a change of dt, where it differs.
+    pub(super) first: Option<Vec<Pass>>,
+    /// Everything before the iterations.
+    pub(super) before: Vec<Pass>,
+    /// Two iterations of a linear solve.
+    pub(super) iterations: Vec<Pass>,
+    /// Everything after them, up to the candidate state.
+    pub(super) settle: Vec<Pass>,
+    /// The velocities that the candidate's forces see, where not the candidate's.
+    pub(super) velocities: Option<Array>,
+    /// After the candidate's forces.
+    pub(super) after: Vec<Pass>,
+}
+
+/// The length of a step, in local units.
+#[derive(Clone, Copy, Debug)]
+pub struct Timing {
+    /// This step's.
+    pub(super) dt: f32,
+    /// The step before's, 0 after a restart.
+    pub(super) before: f32,
+}
+
+/// What tells one solver from another.
+pub trait Scheme: Sized {
+    /// Its name.
+    const KIND: SolverKind;
+
+    /// What it keeps on the GPU.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn new(core: &Core, body: &Body) -> Result<Self>;
+
+    /// The passes of its step.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses>;
+
+    /// Iterations of its linear solve at most, 0 where it has none.
+    fn max_iterations(&self) -> u32 {
+        0
+    }
+}
+
+/// A solver: the chain of passes around a scheme, bound to one body. See [`Solver`].
+#[derive(Debug)]
+pub struct Stepper<S> {
+    pub(super) core: Core,
+    pub(super) scheme: S,
+    prepared: Option<Prepared>,
+    clock: Clock,
+    /// Iterations that [`Solver::run`] records a step.
+    iterations: u32,
+}
+
+/// Passes ready to be recorded, and what they were made for.
+#[derive(Debug)]
+struct Prepared {
+    revision: u64,
+    dt: f64,
+    local_dt: f32,
+    step: StepPasses,
+    forces: Pass,
+    check: Pass,
+    commit: Pass,
+    /// The forces again, at the start of a recording: external ones may have changed.
+    resume: [Pass; 2],
+}
+
+impl<S: Scheme> Stepper<S> {
+    /// A solver for `body`.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when its arrays do not fit the device.
+    pub fn new(gpu: &Gpu, body: &Body) -> Result<Stepper<S>> {
+        let core = Core::new(gpu, body)?;
+        let scheme = S::new(&core, body)?;
+        Ok(Stepper {
+            iterations: scheme.max_iterations().min(64),
+            core,
+            scheme,
+            prepared: None,
+            clock: Clock::default(),
+        })
+    }
+
+    /// Makes the passes anew where anything they depend on has changed, and records what comes
+    /// before the first step.
+    fn begin(&mut self, work: &mut Recorder, body: &mut Body, dt: f64) -> Result<&Prepared> {
+        let local_dt = (dt / body.units.time) as f32;
+        if !(dt > 0.0 && dt.is_finite() && local_dt.is_normal()) {
+            return Err(Error::Input(format!(
+                "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
+            )));
+        }
+        if body.id != self.core.body {
+            return Err(Error::Input(
+                "a solver steps the body it was made for; make one for each body".into(),
+            ));
+        }
+        body.flush()?;
+        let known = self.prepared.take();
+        let restart = known.as_ref().is_none_or(|p| p.revision != body.revision());
+        let prepared = match known {
+            Some(mut known) if !restart && known.dt == dt => {
+                known.step.first = None;
+                known
+            }
+            known => {
+                let before = known.filter(|_| !restart).map_or(0.0, |p| p.local_dt);
+                let timing = Timing {
+                    dt: local_dt,
+                    before,
+                };
+                let step = self.scheme.passes(&self.core, body, timing)?;
+                self.core.prepare(body, step, dt, local_dt)?
+            }
+        };
+        if restart {
+            let forget = self.core.gpu.pass("physics/restart");
+            forget.write(&self.core.status).over(1)?.record(work);
+            let state = body.nodes().array();
+            let forces = self.core.force_pass(body, state, &body.velocities)?;
+            forces.record(work);
+            self.core.check_pass(2, local_dt)?.record(work);
+        } else {
+            for pass in &prepared.resume {
+                pass.record(work);
+            }
+        }
+        Ok(self.prepared.insert(prepared))
+    }
+
+    fn record_steps(
+        &mut self,
+        work: &mut Recorder,
+        body: &mut Body,
+        steps: u32,
+        dt: f64,
+        iterations: u32,
+    ) -> Result<()> {
+        if steps == 0 {
+            return Ok(());
+        }
+        let prepared = self.begin(work, body, dt)?;
+        for step in 0..steps {
+            let first = prepared.step.first.as_ref().filter(|_| step == 0);
+            for pass in first.unwrap_or(&prepared.step.before) {
+                pass.record(work);
+            }
+            for _ in 0..iterations.div_ceil(2) {
+                for pass in &prepared.step.iterations {
+                    pass.record(work);
+                }
+            }
+            for pass in &prepared.step.settle {
+                pass.record(work);
+            }
+            prepared.forces.record(work);
+            for pass in &prepared.step.after {
+                pass.record(work);
+            }
+            prepared.check.record(work);
+            prepared.commit.record(work);
+        }
+        self.clock.record(steps, dt);
+        body.mark_moved();
+        Ok(())
+    }
+
+    /// Steps that fit one submit.
+    fn chunk(&self, iterations: u32) -> u32 {
+        let passes = 10 + 2 * iterations;
+        let visits = 4.0 * f64::from(self.core.texels) * f64::from(3 + iterations);
+        let by_visits = (VISITS / visits) as u32;
+        by_visits.min(DISPATCHES / passes).clamp(1, HISTORY)
+    }
+
+    /// Waits, and reads what the GPU noted.
+    fn look(&mut self) -> Result<Status> {
+        let noted: Vec<Status> = self.core.gpu.read_buffer(&self.core.status)?;
+        let status = noted
+            .first()
+            .ok_or_else(|| Error::Gpu("the status of the simulation is empty".into()))?;
+        self.clock.complete(status.steps);
+        Ok(*status)
+    }
+
+    /// Records fewer iterations where the latest steps needed fewer, more where they ran out.
+    fn adapt(&mut self, body: &Body, completed: bool) -> Result<()> {
+        let most = self.scheme.max_iterations();
+        if most == 0 {
+            return Ok(());
+        }
+        let wanted = if completed {
+            let needed = self
+                .history(body)?
+                .iter()
+                .rev()
+                .take(16)
+                .map(|s| s.iterations)
+                .max();
+            needed.map_or(self.iterations, |n| n + n / 4 + 4)
+        } else {
+            2 * self.iterations
+        };
+        self.iterations = wanted.clamp(1, most);
+        Ok(())
+    }
+}
+
+impl<S: Scheme> Solver for Stepper<S> {
+    fn kind(&self) -> SolverKind {
+        S::KIND
+    }
+
+    fn record(&mut self, work: &mut Recorder, body: &mut Body, steps: u32, dt: f64) -> Result<()> {
+        self.record_steps(work, body, steps, dt, self.scheme.max_iterations())
+    }
+
+    fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress> {
+        self.look()?;
+        let end = self.clock.steps() + u64::from(steps);
+        while self.clock.steps() < end {
+            let before = self.clock.steps();
+            let left = (end - before).min(u64::from(HISTORY)) as u32;
+            let chunk = left.min(self.chunk(self.iterations));
+            let mut work = self.core.gpu.record();
+            self.record_steps(&mut work, body, chunk, dt, self.iterations)?;
+            work.submit()?;
+            self.poll(body)?;
+            self.clock.settle();
+            self.adapt(body, self.clock.steps() == before + u64::from(chunk))?;
+        }
+        self.poll(body)
+    }
+
+    fn poll(&mut self, body: &Body) -> Result<Progress> {
+        let status = self.look()?;
+        match status.error(S::KIND, &self.clock, body) {
+            None => Ok(status.progress(&self.clock, &body.units)),
+            Some(error) => {
+                self.clock.settle();
+                Err(error)
+            }
+        }
+    }
+
+    fn history(&self, body: &Body) -> Result<Vec<StepRecord>> {
+        let status: Vec<Status> = self.core.gpu.read_buffer(&self.core.status)?;
+        let noted: Vec<[f32; 4]> = self.core.gpu.read_buffer(&self.core.history)?;
+        let steps = status.first().map_or(0, |s| s.steps);
+        Ok((steps.saturating_sub(HISTORY)..steps)
+            .map(|s| StepRecord::of_gpu(noted[(s % HISTORY) as usize], &body.units))
+            .collect())
+    }
+}
+
+impl Core {
+    fn new(gpu: &Gpu, body: &Body) -> Result<Core> {
+        let nodes = body.node_count();
+        // A software adapter has few cores and dear barriers; a GPU wants many threads.
+        let software = gpu.adapter().device_type == wgpu::DeviceType::Cpu;
+        let (workgroup, most) = if software { (64, 32) } else { (256, 512) };
+        let groups = (nodes as u32).div_ceil(workgroup).clamp(1, most);
+        let array = |label| gpu.array(label, Texel::F32x4, nodes);
+        Ok(Core {
+            gpu: gpu.clone(),
+            nodes: nodes as u32,
+            workgroup,
+            groups,
+            next_positions: array("next positions")?,
+            next_velocities: array("next velocities")?,
+            forces: array("forces")?,
+            partials: gpu.buffer("partial energies", u64::from(groups) * 16)?,
+            status: gpu.buffer("status", size_of::<Status>() as u64)?,
+            history: gpu.buffer("history", u64::from(HISTORY) * 16)?,
+            body: body.id,
+            texels: body.columns.len(),
+        })
+    }
+
+    fn prepare(&self, body: &Body, step: StepPasses, dt: f64, local_dt: f32) -> Result<Prepared> {
+        let velocities = step.velocities.as_ref().unwrap_or(&self.next_velocities);
+        let state = body.nodes().array();
+        Ok(Prepared {
+            revision: body.revision(),
+            dt,
+            local_dt,
+            forces: self.force_pass(body, &self.next_positions, velocities)?,
+            check: self.check_pass(0, local_dt)?,
+            commit: self
+                .gpu
+                .pass("physics/commit")
+                .read(&self.next_positions)
+                .read(&self.next_velocities)
+                .read(&self.status)
+                .write(state)
+                .write(&body.velocities)
+                .over(self.nodes)?,
+            resume: [
+                self.force_pass(
+                    body,
+                    state,
+                    step.velocities.as_ref().unwrap_or(&body.velocities),
+                )?,
+                self.check_pass(1, local_dt)?,
+            ],
+            step,
+        })
+    }
+
+    fn force_pass(&self, body: &Body, positions: &Array, velocities: &Array) -> Result<Pass> {
+        let units = &body.units;
+        let gravity = (body.gravity() / units.acceleration()).as_vec3();
+        let params = ForceParams {
+            gravity: gravity.extend(0.0).to_array(),
+            nodes: self.nodes,
+            damping: (body.network.damping / units.damping()) as f32,
+            damping_time: (body.network.damping_time / units.time) as f32,
+            axial: u32::from(body.network.damping_kind == Damping::Axial),
+            newton: (1.0 / units.force()) as f32,
+            _pad0: 0,
+            _pad1: 0,
+            _pad2: 0,
+        };
+        self.gpu
+            .pass("physics/spring_forces")
+            .constant("WORKGROUP", f64::from(self.workgroup))
+            .read(positions)
+            .read(velocities)
+            .read(&body.masses)
+            .read(&body.external)
+            .read(&body.rows)
+            .read(&body.columns)
+            .read(&body.springs)
+            .read(&self.status)
+            .write(&self.forces)
+            .write(&self.partials)
+            .params(&params)
+            .over(self.groups * self.workgroup)
+    }
+
+    /// `kind` as in `shaders/physics/check.wgsl`.
+    fn check_pass(&self, kind: u32, local_dt: f32) -> Result<Pass> {
+        let params = CheckParams {
+            kind,
+            groups: self.groups,
+            history: HISTORY,
+            dt: local_dt,
+            floor: (ENERGY_FLOOR * f64::from(self.nodes)) as f32,
+            factor: ENERGY_FACTOR as f32,
+        };
+        self.gpu
+            .pass("physics/check")
+            .constant("WORKGROUP", f64::from(self.workgroup))
+            .read(&self.partials)
+            .write(&self.status)
+            .write(&self.history)
+            .params(&params)
+            .over(self.workgroup)
+    }
+}

@@ -1,0 +1,186 @@
+//! Spring forces, energies and Jacobians in float64: the twin of `shaders/physics`.
+//!
+//! Everything is in SI units, positions in metres from the network's origin.
+
+use crate::physics::{Damping, Spring, SpringNetwork};
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+/// A network that can be pushed and held, and its state.
+#[derive(Clone, Debug)]
+pub struct Particles {
+    /// Masses and springs.
+    pub network: SpringNetwork,
+    /// Positions, m.
+    pub x: Vec<DVec3>,
+    /// Velocities, m/s.
+    pub v: Vec<DVec3>,
+    /// External force on each node, N.
+    pub external: Vec<DVec3>,
+    /// m/s².
+    pub gravity: DVec3,
+    /// Nodes that do not move.
+    pub pinned: Vec<bool>,
+    /// Every node's springs.
+    rows: Vec<Vec<u32>>,
+}
+
+impl Particles {
+    /// The particles of `network`, at rest.
+    pub fn new(network: SpringNetwork) -> Particles {
+        let nodes = network.rest.len();
+        let mut rows = vec![Vec::new(); nodes];
+        for (s, spring) in network.springs.iter().enumerate() {
+            for v in spring.nodes {
+                rows[v as usize].push(s as u32);
+            }
+        }
+        Particles {
+            x: network.rest.clone(),
+            v: vec![DVec3::ZERO; nodes],
+            external: vec![DVec3::ZERO; nodes],
+            gravity: DVec3::ZERO,
+            // A massless node has no equation of motion: it stays.
+            pinned: network.masses.iter().map(|m| *m <= 0.0).collect(),
+            network,
+            rows,
+        }
+    }
+
+    /// Sums `share(spring, other node)` over the springs of every node.
+    fn gather(&self, share: impl Fn(usize, usize, &Spring) -> DVec3 + Sync) -> Vec<DVec3> {
+        self.rows
+            .par_iter()
+            .enumerate()
+            .map(|(i, row)| {
+                row.iter()
+                    .map(|s| {
+                        let spring = &self.network.springs[*s as usize];
+                        let [a, b] = spring.nodes.map(|v| v as usize);
+                        share(i, if a == i { b } else { a }, spring)
+                    })
+                    .sum()
+            })
+            .collect()
+    }
+
+    /// Forces on all nodes: equations 2 and 3 of Tejada & Ertl, gravity and external forces, N.
+    pub fn forces(&self) -> Vec<DVec3> {
+        let mut f = self.gather(|i, j, s| {
+            let d = self.x[j] - self.x[i];
+            let w = self.v[j] - self.v[i];
+            let n = d.normalize_or_zero();
+            let braked = match self.network.damping_kind {
+                Damping::Axial => n * n.dot(w),
+                Damping::Relative => w,
+            };
+            s.stiffness * (d.length() - s.length) * n + self.network.spring_damping(s) * braked
+        });
+        for (i, f) in f.iter_mut().enumerate() {
+            *f += self.network.masses[i] * self.gravity + self.external[i];
+        }
+        f
+    }
+
+    /// Σ κ(|x| + L) over the springs of each node: what errors of forces are measured by, N.
+    pub fn force_scale(&self) -> Vec<f64> {
+        self.gather(|i, j, s| {
+            DVec3::splat(s.stiffness * (self.x[j].distance(self.x[i]) + s.length))
+        })
+        .iter()
+        .map(|s| s.x)
+        .collect()
+    }
+
+    /// Energy in the springs, Σ ½κ(|x| − L)² (equation 1), J.
+    pub fn elastic_energy(&self) -> f64 {
+        let energy = |s: &Spring| {
+            let [a, b] = s.nodes.map(|v| self.x[v as usize]);
+            0.5 * s.stiffness * (a.distance(b) - s.length).powi(2)
+        };
+        self.network.springs.par_iter().map(energy).sum()
+    }
+
+    /// Energy of motion, Σ ½mv², J.
+    pub fn kinetic_energy(&self) -> f64 {
+        let masses = self.network.masses.par_iter();
+        masses
+            .zip(&self.v)
+            .map(|(m, v)| 0.5 * m * v.length_squared())
+            .sum()
+    }
+
+    /// ∂f_i/∂x_j of one spring (equation 4); `clamped`: without the transverse term where it
+    /// would be negative, the K̃ of implicit Euler.
+    fn stiffness_block(&self, i: usize, j: usize, s: &Spring, clamped: bool) -> DMat3 {
+        let d = self.x[j] - self.x[i];
+        let n = d.normalize_or_zero();
+        let mut transverse = if d == DVec3::ZERO {
+            // Without a direction only a spring of no length pushes back, in all of them.
+            f64::from(u8::from(s.length == 0.0))
+        } else {
+            1.0 - s.length / d.length()
+        };
+        if clamped {
+            transverse = transverse.max(0.0);
+        }
+        let along = DMat3::from_cols(n * n.x, n * n.y, n * n.z);
+        s.stiffness * (along + transverse * (DMat3::IDENTITY - along))
+    }
+
+    /// (∂f/∂x) p of the springs' elastic forces; `clamped` gives K̃ p instead.
+    pub fn stiffness_product(&self, p: &[DVec3], clamped: bool) -> Vec<DVec3> {
+        self.gather(|i, j, s| self.stiffness_block(i, j, s, clamped) * (p[j] - p[i]))
+    }
+
+    /// (∂f/∂v) p of the damping forces (equation 5).
+    pub fn damping_product(&self, p: &[DVec3]) -> Vec<DVec3> {
+        self.gather(|i, j, s| {
+            let w = p[j] - p[i];
+            let n = (self.x[j] - self.x[i]).normalize_or_zero();
+            self.network.spring_damping(s)
+                * match self.network.damping_kind {
+                    Damping::Axial => n * n.dot(w),
+                    Damping::Relative => w,
+                }
+        })
+    }
+
+    /// A p with A = M − h ∂f/∂v − h² K̃, rows of pinned nodes zero.
+    pub fn system_product(&self, h: f64, p: &[DVec3]) -> Vec<DVec3> {
+        let stiffness = self.stiffness_product(p, true);
+        let damping = self.damping_product(p);
+        (0..p.len())
+            .map(|i| {
+                if self.pinned[i] {
+                    DVec3::ZERO
+                } else {
+                    self.network.masses[i] * p[i] - h * damping[i] - h * h * stiffness[i]
+                }
+            })
+            .collect()
+    }
+
+    /// The 3×3 diagonal blocks of A.
+    pub fn system_blocks(&self, h: f64) -> Vec<DMat3> {
+        let mut blocks: Vec<DMat3> = self
+            .network
+            .masses
+            .iter()
+            .map(|m| DMat3::IDENTITY * *m)
+            .collect();
+        for s in &self.network.springs {
+            let [i, j] = s.nodes.map(|v| v as usize);
+            let n = (self.x[j] - self.x[i]).normalize_or_zero();
+            let c = self.network.spring_damping(s)
+                * match self.network.damping_kind {
+                    Damping::Axial => DMat3::from_cols(n * n.x, n * n.y, n * n.z),
+                    Damping::Relative => DMat3::IDENTITY,
+                };
+            let block = h * c + h * h * self.stiffness_block(i, j, s, true);
+            blocks[i] += block;
+            blocks[j] += block;
+        }
+        blocks
+    }
+}

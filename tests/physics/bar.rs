@@ -1,0 +1,102 @@
+//! The paper's bar.
+
+use super::common::solver;
+use glam::DVec3;
+use palpate::Error;
+use palpate::gpu::Gpu;
+use palpate::mesh::generate;
+use palpate::physics::{Body, Material, Report, SolverKind, largest_stable_step};
+
+/// The bar, its end pinned, under gravity.
+fn bar(gpu: &Gpu, stiffness: f64, damping: f64) -> Body {
+    let mesh = generate::paper_bar().unwrap();
+    let mut body = Body::new(gpu, &mesh, &Material::paper(stiffness, damping)).unwrap();
+    assert_eq!(body.pin(|p| p.x < 0.001), 9);
+    body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
+    body
+}
+
+#[test]
+fn the_stable_step_is_the_papers() {
+    let gpu = Gpu::new().unwrap();
+    for (stiffness, limit) in [(3_000.0, 1.08e-3), (30_000.0, 3.42e-4)] {
+        let body = bar(&gpu, stiffness, 0.0);
+        let free = vec![false; body.node_count()];
+        let step = largest_stable_step(body.network(), &free, SolverKind::Verlet).unwrap();
+        assert!((step - limit).abs() < 0.005 * limit, "{step}");
+    }
+}
+
+#[test]
+fn implicit_euler_is_stable_for_a_thousand_large_steps() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::paper_bar().unwrap();
+    for stiffness in [30_000.0, 300_000.0] {
+        for load in [0.0, 40.0] {
+            let mut body = bar(&gpu, stiffness, 0.0);
+            if load > 0.0 {
+                let end = body
+                    .add_force(DVec3::new(0.0, 0.0, -load), |p| p.x > 0.119)
+                    .unwrap();
+                assert_eq!(end, 9);
+            }
+            let mut implicit = solver(&gpu, &body, SolverKind::Implicit);
+            let progress = implicit.run(&mut body, 1000, 0.01).unwrap();
+            assert_eq!(progress.steps, 1000);
+            let report = Report::new(&body, &mesh).unwrap();
+            assert_eq!(report.inverted, 0);
+            assert!((report.volume_ratio - 1.0).abs() < 0.05, "{report:?}");
+            // 10 seconds later it hangs still.
+            assert!(report.energy.kinetic < 1e-6, "{report:?}");
+            if load > 0.0 && stiffness == 30_000.0 {
+                assert!(report.max_displacement > 0.01 * 0.12, "{report:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn verlet_holds_small_steps_and_stops_large_ones() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::paper_bar().unwrap();
+    let mut body = bar(&gpu, 3_000.0, 0.0);
+    body.add_force(DVec3::new(0.0, 0.0, -12.0), |p| p.x > 0.119)
+        .unwrap();
+    let mut verlet = solver(&gpu, &body, SolverKind::Verlet);
+    verlet.run(&mut body, 1000, 0.001).unwrap();
+    let report = Report::new(&body, &mesh).unwrap();
+    assert!(report.max_displacement > 0.01 * 0.12, "{report:?}");
+    assert!(report.max_displacement < 0.5 * 0.12, "{report:?}");
+
+    let mut body = bar(&gpu, 3_000.0, 0.0);
+    let mut verlet = solver(&gpu, &body, SolverKind::Verlet);
+    let error = verlet.run(&mut body, 100, 0.01).unwrap_err();
+    let text = error.to_string();
+    let Error::Solver {
+        solver: name,
+        step,
+        time,
+        ..
+    } = error
+    else {
+        panic!("{text}");
+    };
+    assert_eq!(name, "verlet");
+    assert!(step > 1 && step < 30, "{text}");
+    assert!((time - 0.01 * (step - 1) as f64).abs() < 1e-12, "{text}");
+    assert!(text.contains("--dt 0.001 or less"), "{text}");
+    assert!(text.contains("--solver implicit"), "{text}");
+    // The last good state is there, and stays.
+    let frozen = body.positions().unwrap();
+    assert!(frozen.iter().all(|p| p.is_finite()));
+    let report = Report::new(&body, &mesh).unwrap();
+    assert!(report.max_displacement < 0.12, "{report:?}");
+    verlet.step(&mut body, 0.01).unwrap();
+    assert!(verlet.poll(&body).is_err());
+    assert_eq!(frozen, body.positions().unwrap());
+    // Changed from outside, it goes on.
+    body.set_positions(&mesh.nodes).unwrap();
+    body.set_velocities(&vec![DVec3::ZERO; mesh.nodes.len()])
+        .unwrap();
+    verlet.run(&mut body, 10, 0.001).unwrap();
+}

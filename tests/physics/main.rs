@@ -1,0 +1,8 @@
+//! Physics on a real adapter (the software one will do; without any, these fail), held against
+//! the float64 twins.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod bar;
+mod common;
+mod derivatives;
+mod steps;

@@ -1,0 +1,127 @@
+//! One step and a hundred of every solver, against the float64 twins.
+
+use super::common::{Twins, solver, step_truth};
+use glam::DVec3;
+use palpate::gpu::Gpu;
+use palpate::mesh::generate;
+use palpate::physics::{ConjugateGradients, Damping, ImplicitEuler, Material, Solver, SolverKind};
+
+fn disturbed(gpu: &Gpu, kind: Damping) -> Twins {
+    let material = Material {
+        damping: 0.05,
+        damping_time: 1e-4,
+        damping_kind: kind,
+        ..Material::young(1e5)
+    };
+    let mut twins = Twins::new(gpu, &generate::paper_bar().unwrap(), &material);
+    twins.pin(|p| p.x < 0.001);
+    twins.gravity(DVec3::new(0.5, 0.0, -9.81));
+    twins.disturb(0.02, 0.3, 11);
+    twins
+}
+
+#[test]
+fn one_step_of_every_solver() {
+    let gpu = Gpu::new().unwrap();
+    for damping in [Damping::Axial, Damping::Relative] {
+        for kind in SolverKind::ALL {
+            let mut twins = disturbed(&gpu, damping);
+            let h = if kind == SolverKind::Implicit {
+                0.01
+            } else {
+                2e-4
+            };
+            let before = twins.truth.clone();
+            let mut tight: Box<dyn Solver> = match kind {
+                SolverKind::Implicit => {
+                    let settings = ConjugateGradients {
+                        tolerance: 1e-6,
+                        ..ConjugateGradients::default()
+                    };
+                    Box::new(ImplicitEuler::with(&gpu, &twins.body, settings).unwrap())
+                }
+                _ => solver(&gpu, &twins.body, kind),
+            };
+            let progress = tight.run(&mut twins.body, 1, h).unwrap();
+            assert_eq!((progress.steps, progress.time), (1, h));
+            step_truth(kind, &mut twins.truth, 1, h);
+            let change = twins.truth.v.iter().zip(&before.v);
+            let change = change.map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+            let (dx, dv) = twins.difference();
+            assert!(dx < 2e-5 * h * change + 2e-8, "{kind} {damping:?}: {dx} m");
+            assert!(
+                dv < 2e-5 * change,
+                "{kind} {damping:?}: {dv} of {change} m/s"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_hundred_steps_of_every_solver() {
+    let gpu = Gpu::new().unwrap();
+    for kind in SolverKind::ALL {
+        let mut twins = disturbed(&gpu, Damping::Axial);
+        let h = if kind == SolverKind::Implicit {
+            0.01
+        } else {
+            2e-4
+        };
+        solver(&gpu, &twins.body, kind)
+            .run(&mut twins.body, 100, h)
+            .unwrap();
+        let start = twins.mesh.nodes.clone();
+        step_truth(kind, &mut twins.truth, 100, h);
+        let (dx, _) = twins.difference();
+        let moved = twins.truth.x.iter().zip(&start);
+        let moved = moved
+            .map(|(x, s)| twins.truth.network.to_file(*x).distance(*s))
+            .fold(0.0, f64::max);
+        assert!(moved > 0.01 * 0.12, "{kind} moved by {moved} m only");
+        // The bar is 0.12 m long.
+        assert!(dx < 1e-4 * 0.12, "{kind}: {dx} m of {moved}");
+        // And the comparison can fail: one step more is another state.
+        step_truth(kind, &mut twins.truth, 1, h);
+        assert!(twins.difference().0 > 2.0 * dx, "{kind}");
+    }
+}
+
+/// Steps one at a time, recorded in several ways, are the same steps.
+#[test]
+fn recording_and_running_agree() {
+    let gpu = Gpu::new().unwrap();
+    for kind in SolverKind::ALL {
+        let h = if kind == SolverKind::Implicit {
+            0.01
+        } else {
+            2e-4
+        };
+        let mut run = disturbed(&gpu, Damping::Axial);
+        solver(&gpu, &run.body, kind)
+            .run(&mut run.body, 12, h)
+            .unwrap();
+        let mut stepped = disturbed(&gpu, Damping::Axial);
+        let mut one = solver(&gpu, &stepped.body, kind);
+        for _ in 0..5 {
+            one.step(&mut stepped.body, h).unwrap();
+        }
+        let mut work = gpu.record();
+        one.record(&mut work, &mut stepped.body, 4, h).unwrap();
+        one.record(&mut work, &mut stepped.body, 3, h).unwrap();
+        work.submit().unwrap();
+        let progress = one.poll(&stepped.body).unwrap();
+        assert_eq!(progress.steps, 12);
+        assert!((progress.time - 12.0 * h).abs() < 1e-12);
+        assert_eq!(one.history(&stepped.body).unwrap().len(), 12);
+        let (a, b) = (
+            run.body.positions().unwrap(),
+            stepped.body.positions().unwrap(),
+        );
+        let apart = a
+            .iter()
+            .zip(&b)
+            .map(|(a, b)| a.distance(*b))
+            .fold(0.0, f64::max);
+        assert!(apart < 1e-7, "{kind}: {apart}");
+    }
+}
