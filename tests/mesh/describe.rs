@@ -110,7 +110,7 @@ fn the_json_has_the_promised_keys() {
         (&0.into(), &0.into())
     );
     let load = serde_json::json!(
-        {"name": "load", "location": "node", "components": 1, "min": -3.0, "max": 44.0}
+        {"name": "load", "location": "point", "components": 1, "min": -3.0, "max": 44.0}
     );
     assert_eq!(json["fields"][0], load);
     assert!(json["fields"][1]["min"].is_null());
@@ -143,4 +143,165 @@ fn text_is_readable_at_any_scale() {
         text.contains("1234.5 … 1234.5  (size 2.00000e-5)"),
         "{text}"
     );
+}
+
+/// The meshes of ../shared/data: name, nodes, tets, boundary faces, slivers, Euler number,
+/// volume; where the table there has no number, none is held against.
+type Row = (
+    &'static str,
+    usize,
+    usize,
+    usize,
+    Option<usize>,
+    Option<i64>,
+    f64,
+);
+
+const REAL: [Row; 12] = [
+    (
+        "tet/bullet_boot.vtk",
+        610,
+        2_419,
+        718,
+        Some(0),
+        Some(2),
+        0.563399,
+    ),
+    (
+        "tet/bullet_ditto.vtk",
+        2_580,
+        10_415,
+        2_968,
+        Some(0),
+        Some(2),
+        23.4659,
+    ),
+    (
+        "tet/chaste_ellipsoid_15811.node",
+        3_432,
+        15_811,
+        3_666,
+        Some(0),
+        Some(2),
+        0.279792,
+    ),
+    (
+        "tet/gaia_liver.mesh",
+        10_641,
+        40_240,
+        16_252,
+        Some(75),
+        Some(2),
+        498.584,
+    ),
+    (
+        "tet/polyfem_cubes_v22.msh",
+        7_714,
+        32_981,
+        7_610,
+        Some(0),
+        Some(2),
+        2.0979,
+    ),
+    (
+        "tet/polyfem_cubes_v41.msh",
+        7_714,
+        32_981,
+        7_610,
+        Some(0),
+        Some(2),
+        2.0979,
+    ),
+    (
+        "tet/polyfem_41_binary.msh",
+        8,
+        5,
+        12,
+        Some(0),
+        Some(2),
+        0.8333,
+    ),
+    (
+        "tet/polyfem_Armadillo13K.msh",
+        13_230,
+        54_985,
+        17_296,
+        Some(0),
+        Some(2),
+        237_516.0,
+    ),
+    (
+        "tet/gaia_alligator.vtk",
+        25_966,
+        108_744,
+        34_376,
+        Some(174),
+        Some(2),
+        0.0441733,
+    ),
+    (
+        "scalar/disk_out_ref_tets.vtu",
+        8_499,
+        44_832,
+        3_976,
+        None,
+        None,
+        1629.66,
+    ),
+    // 173 nodes in the file, of which one is unused.
+    (
+        "scalar/chaste_heart_decimation.vtu",
+        172,
+        610,
+        312,
+        Some(13),
+        Some(2),
+        6.40447,
+    ),
+    (
+        "tet/chaste_ellipsoid_15811.ele",
+        3_432,
+        15_811,
+        3_666,
+        Some(0),
+        Some(2),
+        0.279792,
+    ),
+];
+
+#[test]
+fn real_meshes_are_told_as_they_are() {
+    let data = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
+    assert!(
+        data.is_dir(),
+        "this test reads the meshes of {}",
+        data.display()
+    );
+    for (name, nodes, tets, boundary, slivers, euler, volume) in REAL {
+        let mesh = palpate::io::read(data.join(name)).unwrap();
+        let d = Description::new(&mesh);
+        assert_eq!(
+            (d.nodes, d.tets, d.boundary_faces),
+            (nodes, tets, boundary),
+            "{name}"
+        );
+        assert!(
+            slivers.is_none_or(|n| n == d.quality.slivers),
+            "{name}: {}",
+            d.quality.slivers
+        );
+        assert!(
+            euler.is_none_or(|n| n == d.euler_number),
+            "{name}: {}",
+            d.euler_number
+        );
+        assert!(
+            (d.volume / volume - 1.0).abs() < 1e-4,
+            "{name}: {}",
+            d.volume
+        );
+        assert!(d.closed && d.edge_manifold, "{name}");
+        assert_eq!(d.components, 1, "{name}");
+        crate::support::check_topology(&mesh);
+    }
 }

@@ -3,7 +3,7 @@
 use crate::support::check_generated;
 use glam::{DMat3, DVec3};
 use palpate::mesh::generate::{
-    Bore, Split, ball, bar_of_about, benchmark_cube, box_mesh, duct, paper_bar,
+    Bore, GENERATORS, Split, ball, bar_of_about, benchmark_cube, box_mesh, by_name, duct, paper_bar,
 };
 use palpate::mesh::{Location, QualityReport, TetMesh, Topology, morton_order};
 
@@ -201,4 +201,36 @@ fn balls_are_round_and_well_shaped() {
         assert!((reach - 0.5).abs() < 1e-9, "{reach}");
     }
     assert!(ball(1.0, 1).is_err() && ball(f64::INFINITY, 8).is_err() && ball(1.0, 99_999).is_err());
+}
+
+#[test]
+fn every_named_generator_makes_about_what_it_says() {
+    for (name, what) in GENERATORS {
+        let digits: String = what
+            .rsplit(';')
+            .next()
+            .unwrap()
+            .chars()
+            .filter(char::is_ascii_digit)
+            .collect();
+        let said: f64 = digits.parse().unwrap();
+        let mesh = by_name(name, None).unwrap();
+        let off = mesh.tets.len() as f64 / said - 1.0;
+        assert!(
+            off.abs() < 0.15,
+            "{name}: {} tets, not {said}",
+            mesh.tets.len()
+        );
+        let more = by_name(name, Some(20_000)).unwrap();
+        let off = more.tets.len() as f64 / 20_000.0 - 1.0;
+        assert!(
+            off.abs() < 0.25,
+            "{name}: {} tets, not 20,000",
+            more.tets.len()
+        );
+    }
+    let Err(palpate::Error::Input(text)) = by_name("liver", None) else {
+        panic!("there is no such generator");
+    };
+    assert!(text.contains("liver") && text.contains("limb"), "{text}");
 }

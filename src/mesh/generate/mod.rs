@@ -9,6 +9,7 @@ mod benchmark;
 mod duct;
 mod grid;
 mod limb;
+mod named;
 mod stuffing;
 
 pub use ball::ball;
@@ -17,3 +18,4 @@ pub use benchmark::benchmark_cube;
 pub use duct::{Bore, duct};
 pub use grid::{Split, box_mesh};
 pub use limb::{TISSUES, Tissue, limb};
+pub use named::{GENERATORS, by_name};

@@ -88,6 +88,8 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
     let intensity = nodes
         .par_iter()
         .map(|p| intensity(&anatomy.distances(*p), step * scale(p.x)))
+        // The field is written as 32-bit numbers.
+        .map(|value| f64::from(value as f32))
         .collect();
     let label = tets
         .par_iter()

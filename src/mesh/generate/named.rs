@@ -1,0 +1,64 @@
+//! Generators by name, for scenes and the command line.
+
+use super::{
+    Bore, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, box_mesh, duct, limb,
+};
+use crate::mesh::TetMesh;
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// The names that [`by_name`] knows, and what each of them makes.
+pub const GENERATORS: [(&str, &str); 6] = [
+    (
+        "bar",
+        "the bar of Tejada & Ertl 2005, 12 × 6 × 6 cm; 80 tets",
+    ),
+    ("box", "a cube of 10 cm in cells of six tets; 6,000 tets"),
+    ("ball", "a ball of 10 cm; 6,000 tets"),
+    (
+        "duct",
+        "a cube of 10 cm with a round duct through it; 6,000 tets",
+    ),
+    (
+        "cube",
+        "the unit cube of the rendering benchmark, with a field; 48,000 tets",
+    ),
+    (
+        "limb",
+        "a forearm and hand with seven tissues; 100,000 tets",
+    ),
+];
+
+/// The mesh called `name`, one of [`GENERATORS`], with about `tets` tets, or with the number
+/// named there.
+///
+/// # Errors
+/// A name that is not known, or a number of tets that the generator cannot make.
+pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
+    // Cells along each side when a unit cube of cells has this many tets.
+    let side =
+        |tets: usize, per_cell: f64| ((tets as f64 / per_cell).cbrt().round() as usize).max(1);
+    let size = DVec3::splat(0.1);
+    match name {
+        "bar" => bar_of_about(tets.unwrap_or(80), PAPER_BAR_SIZE),
+        "box" => box_mesh([side(tets.unwrap_or(6_000), 6.0); 3], size, Split::Six),
+        // A ball fills π/6 of its box, with twelve tets a cell.
+        "ball" => ball(0.05, side(tets.unwrap_or(6_000), 6.5).max(2)),
+        // Around, out and along: 4n · n/3 · m cells of six tets.
+        "duct" => {
+            let tets = tets.unwrap_or(6_000);
+            let across = 3 * side(tets, 8.0 * 27.0);
+            let along = ((tets as f64 / (8 * across * across) as f64).round() as usize).max(1);
+            duct([across, across, along], size, Bore::Round)
+        }
+        "cube" => benchmark_cube(side(tets.unwrap_or(48_000), 6.0), false),
+        "limb" => limb(tets.unwrap_or(100_000)),
+        _ => {
+            let names: Vec<&str> = GENERATORS.iter().map(|g| g.0).collect();
+            Err(Error::Input(format!(
+                "there is no generator called \"{name}\"; there are {}",
+                names.join(", ")
+            )))
+        }
+    }
+}
