@@ -3,8 +3,18 @@
 //! Nothing here knows of physics: positions are an array on the GPU that anyone may write.
 
 mod camera;
+mod geometry;
+mod image;
+mod peel;
 mod presets;
+mod raycaster;
+mod table;
 mod transfer;
+mod view;
 
 pub use camera::{Camera, Projection, Ray};
+pub use geometry::{Geometry, local_positions};
+pub use image::{Background, BitDepth, Image};
+pub use raycaster::{Mode, RaycastOptions, RaycastReport, Raycaster, Target, Walk};
+pub use table::TableForm;
 pub use transfer::{ResolvedTransfer, TransferFunction};

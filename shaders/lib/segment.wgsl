@@ -1,0 +1,70 @@
+// What a walk gathers along its ray: composited colour, length, or counts. Needs `table`,
+// `smooth_sampler` and `params: View` of the shader that imports it.
+
+// What is gathered.
+override MODE: u32 = 0u;
+const COMPOSITE: u32 = 0u;
+const THICKNESS: u32 = 1u;
+const STATISTICS: u32 = 2u;
+
+// The table: 0 = slices of mean colour and mean extinction, 1 = the paper's volume of colour and
+// opacity. Both are layers of one array; depths are lengths times the largest extinction, times
+// log2(e).
+override TABLE: u32 = 0u;
+// Slices: 2^OCTAVE_BITS to an octave of depth, the first octave beginning at 2^FIRST_OCTAVE; the
+// last slice serves all that is longer.
+const OCTAVE_BITS: u32 = 2u;
+const FIRST_OCTAVE: i32 = -5;
+// Volume: segments longer than params.reach, the depth of its last layer, are looked up in pieces.
+const MOST_PIECES: f32 = 256.0;
+
+// A ray this opaque is not followed further.
+const OPAQUE: f32 = 0.9995;
+
+// Colour (premultiplied) and opacity of a segment between table coordinates s0 (front) and s1.
+fn segment(s0: f32, s1: f32, depth: f32) -> vec4<f32> {
+    if TABLE == 0u {
+        // The upper bits of a float are its logarithm, linear between powers of two.
+        let bin = i32(bitcast<u32>(depth) >> (23u - OCTAVE_BITS)) - ((127 + FIRST_OCTAVE) << OCTAVE_BITS);
+        let slice = clamp(bin, 0, i32(params.layers) - 1);
+        let mean = textureSampleLevel(table, smooth_sampler, vec2(s0, s1), slice, 0.0);
+        let alpha = 1.0 - exp2(-mean.a * depth);
+        return vec4(mean.rgb * alpha, alpha);
+    }
+    let pieces = clamp(ceil(depth / params.reach), 1.0, MOST_PIECES);
+    let layer = clamp(depth / (pieces * params.reach), 0.0, 1.0) * f32(params.layers - 1u);
+    let below = i32(min(layer, f32(params.layers) - 2.0));
+    var sum = vec4(0.0);
+    for (var i = 0.0; i < pieces; i += 1.0) {
+        let s = mix(vec2(s0), vec2(s1), vec2(i, i + 1.0) / pieces);
+        let shorter = textureSampleLevel(table, smooth_sampler, s, below, 0.0);
+        let longer = textureSampleLevel(table, smooth_sampler, s, below + 1, 0.0);
+        sum += (1.0 - sum.a) * mix(shorter, longer, layer - f32(below));
+    }
+    return sum;
+}
+
+// Adds a segment to what the ray has gathered; `length` is in the unit of the mode: depth as
+// above, or length in file units.
+fn gather(sum: vec4<f32>, s0: f32, s1: f32, length: f32) -> vec4<f32> {
+    if MODE == COMPOSITE {
+        return sum + (1.0 - sum.a) * segment(s0, s1, length);
+    }
+    if MODE == THICKNESS {
+        return vec4(sum.r + length, 0.0, 0.0, 0.0);
+    }
+    return vec4(sum.r + 1.0, sum.gba);
+}
+
+// The same behind what comes: the segment lies in front of everything gathered.
+fn gather_in_front(sum: vec4<f32>, s0: f32, s1: f32, length: f32) -> vec4<f32> {
+    if MODE == COMPOSITE {
+        let front = segment(s0, s1, length);
+        return front + (1.0 - front.a) * sum;
+    }
+    return gather(sum, s0, s1, length);
+}
+
+fn is_opaque(sum: vec4<f32>) -> bool {
+    return MODE == COMPOSITE && sum.a > OPAQUE;
+}

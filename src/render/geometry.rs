@@ -1,0 +1,295 @@
+//! A mesh on the GPU as the raycaster sees it: per-tet vertices, neighbours, normals and
+//! gradients, the boundary, and the passes that refresh what moves.
+//!
+//! Tets are kept along a Morton curve, whatever their order in the file; nodes keep theirs, so
+//! that positions come straight from whoever moves them.
+
+use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
+use crate::mesh::{BoundaryFace, FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, morton_order};
+use crate::{Error, Result};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Refresh {
+            pub tets: u32,
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Count {
+            pub tets: u32,
+        }
+    }
+}
+
+/// Texels of a tet's record (see `refresh_geometry.wgsl`).
+const RECORD: usize = 8;
+/// The texel of a record that holds the neighbours.
+const RECORD_LINKS: usize = 6;
+
+/// A mesh with one scalar a node, prepared for drawing; its nodes move with an array of positions.
+pub struct Geometry {
+    pub(super) gpu: Gpu,
+    pub(super) frame: LocalFrame,
+    pub(super) range: (f64, f64),
+    /// Longest edge at rest, in local units.
+    pub(super) longest_edge: f64,
+    pub(super) positions: Array,
+    pub(super) scalars: Array,
+    pub(super) tets: Array,
+    pub(super) links: Array,
+    pub(super) boundary: Array,
+    pub(super) records: Array,
+    /// The nodes in camera space, made anew for each picture.
+    pub(super) projected: Array,
+    refresh: Pass,
+    inverted: wgpu::Buffer,
+    count_inverted: Pass,
+    /// Counts the changes of the positions, and the one that the records were made for.
+    version: u64,
+    refreshed: u64,
+}
+
+impl Geometry {
+    /// Prepares `mesh`, whose nodes stand at `positions`: xyz in `frame`, one item a node, written
+    /// by whoever moves them. `scalars` holds one number a node.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when lengths differ or a scalar is not finite, [`Error::Gpu`] when the
+    /// device cannot hold it.
+    pub fn new(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        topology: &Topology,
+        frame: LocalFrame,
+        positions: &Array,
+        scalars: &[f64],
+    ) -> Result<Geometry> {
+        check_input(mesh, positions, scalars)?;
+        let order = morton_order(mesh);
+        let tets: Vec<[u32; 4]> = order.iter().map(|t| mesh.tets[*t as usize]).collect();
+        let neighbours = reordered(&topology.neighbours, &order);
+        let range = scalar_range(scalars);
+        let share = |s: &f64| ((s - range.0) / (range.1 - range.0)) as f32;
+        let shares: Vec<f32> = scalars.iter().map(share).collect();
+        let mut records = vec![[0u32; 4]; RECORD * tets.len()];
+        for (record, n) in records.chunks_exact_mut(RECORD).zip(&neighbours) {
+            record[RECORD_LINKS] = *n;
+        }
+        let scalars = gpu.array_of("scalars", Texel::F32, &shares)?;
+        let nodes = gpu.array_of("tets", Texel::U32x4, &tets)?;
+        let records = gpu.array_of("tet records", Texel::U32x4, &records)?;
+        let inverted = gpu.buffer("inverted tets", 4)?;
+        let count = tets.len() as u32;
+        let refresh = gpu
+            .pass("render/refresh_geometry")
+            .read(positions)
+            .read(&scalars)
+            .read(&nodes)
+            .write(&records)
+            .params(&gpu_data::Refresh { tets: count })
+            .over(count)?;
+        let count_inverted = gpu
+            .pass("render/count_inverted")
+            .read(positions)
+            .read(&nodes)
+            .write(&inverted)
+            .params(&gpu_data::Count { tets: count })
+            .over(count)?;
+        Ok(Geometry {
+            gpu: gpu.clone(),
+            frame,
+            range,
+            longest_edge: longest_edge(mesh, topology) / frame.scale,
+            positions: positions.clone(),
+            scalars,
+            links: gpu.array_of("links", Texel::U32x2, &links(&tets, &neighbours))?,
+            boundary: gpu.array_of("boundary", Texel::U32x4, &boundary(&tets, &neighbours))?,
+            tets: nodes,
+            projected: gpu.array("projected nodes", Texel::F32x4, mesh.nodes.len())?,
+            records,
+            refresh,
+            inverted,
+            count_inverted,
+            version: 1,
+            refreshed: 0,
+        })
+    }
+
+    /// Prepares `mesh` where its file has it; to be moved by nobody.
+    ///
+    /// # Errors
+    /// As [`Geometry::new`].
+    pub fn at_rest(gpu: &Gpu, mesh: &TetMesh, scalars: &[f64]) -> Result<Geometry> {
+        let frame = LocalFrame::of_mesh(mesh);
+        let positions = local_positions(gpu, &frame, &mesh.nodes)?;
+        Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &positions, scalars)
+    }
+
+    /// Says that the positions have changed, or will have by the next submit: what depends on
+    /// them is refreshed in the next picture's recording.
+    pub fn moved(&mut self) {
+        self.version += 1;
+    }
+
+    /// The positions it is drawn at: xyz in the local frame, one item a node.
+    pub fn positions(&self) -> &Array {
+        &self.positions
+    }
+
+    /// The frame of the positions.
+    pub fn frame(&self) -> LocalFrame {
+        self.frame
+    }
+
+    /// Smallest and largest scalar; apart by 1 where they are equal.
+    pub fn scalar_range(&self) -> (f64, f64) {
+        self.range
+    }
+
+    /// Number of tets.
+    pub fn tet_count(&self) -> u32 {
+        self.tets.len()
+    }
+
+    /// Three vertices for each boundary face.
+    pub(super) fn corners(&self) -> u32 {
+        3 * self.boundary.len()
+    }
+
+    /// Normals, gradients and neighbours of each tet, eight texels each, as the walk over planes
+    /// reads them; laid out as `shaders/render/refresh_geometry.wgsl` says.
+    pub fn records(&self) -> &Array {
+        &self.records
+    }
+
+    /// Records the refresh of normals and gradients, if the positions changed since the last.
+    pub fn record_refresh(&mut self, work: &mut Recorder) {
+        if self.refreshed != self.version {
+            self.refresh.record(work);
+            self.refreshed = self.version;
+        }
+    }
+
+    /// Number of tets that are inside out or flat at the present positions. Reads back.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_buffer`].
+    pub fn inverted(&self) -> Result<u32> {
+        let mut work = self.gpu.record();
+        work.encoder().clear_buffer(&self.inverted, 0, None);
+        self.count_inverted.record(&mut work);
+        work.submit()?;
+        Ok(self
+            .gpu
+            .read_buffer::<u32>(&self.inverted)?
+            .first()
+            .copied()
+            .unwrap_or(0))
+    }
+}
+
+/// An array of positions in `frame`, as [`Geometry::new`] takes it.
+///
+/// # Errors
+/// As [`Gpu::array_of`].
+pub fn local_positions(gpu: &Gpu, frame: &LocalFrame, nodes: &[glam::DVec3]) -> Result<Array> {
+    let local: Vec<[f32; 4]> = nodes
+        .iter()
+        .map(|p| frame.to_local(*p).extend(1.0).to_array())
+        .collect();
+    gpu.array_of("positions", Texel::F32x4, &local)
+}
+
+fn check_input(mesh: &TetMesh, positions: &Array, scalars: &[f64]) -> Result<()> {
+    let nodes = mesh.nodes.len();
+    if scalars.len() != nodes || positions.len() as usize != nodes {
+        return Err(Error::Input(format!(
+            "{nodes} nodes, but {} scalars and {} positions to draw them with",
+            scalars.len(),
+            positions.len()
+        )));
+    }
+    if mesh.tets.is_empty() {
+        return Err(Error::Mesh("there are no tets to draw".into()));
+    }
+    match scalars.iter().position(|s| !s.is_finite()) {
+        None => Ok(()),
+        Some(i) => Err(Error::Input(format!(
+            "the scalar of node {i} is {}; choose another field, or replace such values",
+            scalars[i]
+        ))),
+    }
+}
+
+/// Smallest and largest scalar, apart by 1 where they are equal.
+fn scalar_range(scalars: &[f64]) -> (f64, f64) {
+    let (low, high) = scalars
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), s| {
+            (a.min(*s), b.max(*s))
+        });
+    if high > low {
+        (low, high)
+    } else {
+        (low, low + 1.0)
+    }
+}
+
+fn longest_edge(mesh: &TetMesh, topology: &Topology) -> f64 {
+    topology
+        .edges
+        .iter()
+        .map(|[a, b]| mesh.nodes[*a as usize].distance(mesh.nodes[*b as usize]))
+        .fold(0.0, f64::max)
+}
+
+/// Neighbours with the tets in `order`.
+fn reordered(neighbours: &[[u32; 4]], order: &[u32]) -> Vec<[u32; 4]> {
+    let mut place = vec![0u32; order.len()];
+    for (new, old) in order.iter().enumerate() {
+        place[*old as usize] = new as u32;
+    }
+    let moved = |code: u32| match code {
+        NO_NEIGHBOUR => NO_NEIGHBOUR,
+        code => 4 * place[code as usize / 4] + code % 4,
+    };
+    order
+        .iter()
+        .map(|t| neighbours[*t as usize].map(moved))
+        .collect()
+}
+
+/// For tet t and the face opposite its k-th smallest node, at 4 t + k: the neighbour, and the
+/// exclusive or of the neighbour's nodes.
+fn links(tets: &[[u32; 4]], neighbours: &[[u32; 4]]) -> Vec<[u32; 2]> {
+    let link = |code: u32| match tets.get(code as usize / 4) {
+        Some([a, b, c, d]) if code != NO_NEIGHBOUR => [code / 4, a ^ b ^ c ^ d],
+        _ => [NO_NEIGHBOUR, 0],
+    };
+    tets.iter()
+        .zip(neighbours)
+        .flat_map(|(tet, across)| {
+            let mut ranked = [0, 1, 2, 3];
+            ranked.sort_by_key(|i: &usize| tet[*i]);
+            ranked.map(|i| link(across[i]))
+        })
+        .collect()
+}
+
+/// Each boundary face's nodes, counter-clockwise from outside, and 4 tet + face, sorted by that.
+fn boundary(tets: &[[u32; 4]], neighbours: &[[u32; 4]]) -> Vec<[u32; 4]> {
+    let faces = neighbours.iter().enumerate().flat_map(|(t, across)| {
+        (0..4)
+            .filter(|f| across[*f] == NO_NEIGHBOUR)
+            .map(move |f| BoundaryFace {
+                tet: t as u32,
+                face: f as u32,
+            })
+    });
+    faces
+        .map(|b| {
+            let [x, y, z] = FACES[b.face as usize].map(|i| tets[b.tet as usize][i]);
+            [x, y, z, 4 * b.tet + b.face]
+        })
+        .collect()
+}

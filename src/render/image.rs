@@ -1,0 +1,158 @@
+//! Pictures in memory, and their files.
+
+use crate::{Error, Result};
+use std::io::Cursor;
+use std::path::Path;
+
+/// A picture of floats, row by row from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Numbers a pixel: 4 (red, green, blue premultiplied by opacity, and opacity) or 1 (a length).
+    pub channels: usize,
+    /// All pixels.
+    pub values: Vec<f32>,
+}
+
+/// What is behind a picture when it is written to a PNG file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Background {
+    /// Nothing: the file keeps the opacity.
+    Transparent,
+    /// Black.
+    #[default]
+    Black,
+    /// White.
+    White,
+}
+
+/// Bits a channel of a PNG file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum BitDepth {
+    /// 256 levels.
+    #[default]
+    Eight,
+    /// 65,536 levels.
+    Sixteen,
+}
+
+impl Image {
+    /// The numbers of pixel (x, y).
+    pub fn pixel(&self, x: u32, y: u32) -> &[f32] {
+        let first = (y as usize * self.size[0] as usize + x as usize) * self.channels;
+        &self.values[first..first + self.channels]
+    }
+
+    /// Writes a PNG (8 bits, on black) or an EXR (float, premultiplied), by the extension.
+    ///
+    /// # Errors
+    /// When the extension is neither, or the file cannot be written.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        self.save_as(path, Background::default(), BitDepth::default())
+    }
+
+    /// As [`Image::save`], with a background and a bit depth for PNG.
+    ///
+    /// # Errors
+    /// As [`Image::save`].
+    pub fn save_as(
+        &self,
+        path: impl AsRef<Path>,
+        background: Background,
+        depth: BitDepth,
+    ) -> Result<()> {
+        let path = path.as_ref();
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+        let bytes = match extension.to_ascii_lowercase().as_str() {
+            "png" => self.png(background, depth),
+            "exr" => self.exr(),
+            _ => {
+                return Err(Error::Input(format!(
+                    "{}: pictures are written as .png or .exr",
+                    path.display()
+                )));
+            }
+        };
+        let bytes = bytes.map_err(|e| Error::format(path, format!("cannot be encoded: {e}")))?;
+        crate::io::atomic_write(path, |file| {
+            std::io::Write::write_all(file, &bytes).map_err(Error::io(path))
+        })
+    }
+
+    /// Channels of a PNG from 0 to 1, not premultiplied where transparent: a byte is
+    /// round(255 · value). Lengths are shown from 0 to the longest.
+    fn shown(&self, background: Background) -> (image::ColorType, Vec<f32>) {
+        if self.channels == 1 {
+            let longest = self.values.iter().copied().fold(0.0, f32::max);
+            let unit = if longest > 0.0 { longest } else { 1.0 };
+            return (
+                image::ColorType::L8,
+                self.values.iter().map(|v| v / unit).collect(),
+            );
+        }
+        let pixels = self.values.chunks_exact(self.channels);
+        match background {
+            Background::Transparent => {
+                let straight = pixels.flat_map(|p| {
+                    let a = p[3].max(f32::MIN_POSITIVE);
+                    [p[0] / a, p[1] / a, p[2] / a, p[3]]
+                });
+                (image::ColorType::Rgba8, straight.collect())
+            }
+            Background::Black | Background::White => {
+                let behind = if background == Background::White {
+                    1.0
+                } else {
+                    0.0
+                };
+                let over = pixels.flat_map(|p| [0, 1, 2].map(|k| p[k] + (1.0 - p[3]) * behind));
+                (image::ColorType::Rgb8, over.collect())
+            }
+        }
+    }
+
+    fn png(&self, background: Background, depth: BitDepth) -> image::ImageResult<Vec<u8>> {
+        let (colour, shown) = self.shown(background);
+        let (colour, bytes): (_, Vec<u8>) = match depth {
+            BitDepth::Eight => {
+                let byte = |v: &f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
+                (colour, shown.iter().map(byte).collect())
+            }
+            BitDepth::Sixteen => {
+                let word = |v: &f32| ((65535.0 * v.clamp(0.0, 1.0)).round() as u16).to_ne_bytes();
+                let colour = match colour {
+                    image::ColorType::L8 => image::ColorType::L16,
+                    image::ColorType::Rgba8 => image::ColorType::Rgba16,
+                    _ => image::ColorType::Rgb16,
+                };
+                (colour, shown.iter().flat_map(word).collect())
+            }
+        };
+        let mut file = Vec::new();
+        let encoder = image::codecs::png::PngEncoder::new(&mut file);
+        image::ImageEncoder::write_image(
+            encoder,
+            &bytes,
+            self.size[0],
+            self.size[1],
+            colour.into(),
+        )?;
+        Ok(file)
+    }
+
+    /// Raw floats; one channel is written thrice, since readers of EXR expect colours.
+    fn exr(&self) -> image::ImageResult<Vec<u8>> {
+        let mut file = Cursor::new(Vec::new());
+        let encoder = image::codecs::openexr::OpenExrEncoder::new(&mut file);
+        let (colour, values): (_, Vec<f32>) = if self.channels == 1 {
+            let grey = self.values.iter().flat_map(|v| [*v; 3]);
+            (image::ExtendedColorType::Rgb32F, grey.collect())
+        } else {
+            (image::ExtendedColorType::Rgba32F, self.values.clone())
+        };
+        let bytes: &[u8] = bytemuck::cast_slice(&values);
+        image::ImageEncoder::write_image(encoder, bytes, self.size[0], self.size[1], colour)?;
+        Ok(file.into_inner())
+    }
+}

@@ -1,0 +1,304 @@
+//! Depth peeling: the layers of a mesh that a ray enters more than once, found and walked one
+//! behind the other without reading anything back.
+//!
+//! Every layer is recorded, up to a bound. The draws of layer k run only if layer k − 1 found a
+//! face: its fragments set the instance counts in the arguments of the draws that follow. Layers
+//! of even and odd number take turns with two buffers of arguments and two of each target, so
+//! that no pass reads what it writes.
+
+use super::geometry::Geometry;
+use super::view::View;
+use crate::Result;
+use crate::gpu::{Draw, Gpu, Pass, Recorder};
+
+/// Words of a layer's record of arguments: a draw of the boundary for the layer behind it, and
+/// a draw of a fullscreen triangle for its own walk.
+const RECORD: usize = 8;
+const KEY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
+const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// What rays gather.
+pub(super) const SUM: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+
+/// The targets of one size, and the draws that find the layers.
+pub(super) struct Peel {
+    /// Size of the targets.
+    pub size: [u32; 2],
+    /// Where rays of even and of odd layers start: depth bits and 4 tet + face.
+    pub keys: [wgpu::TextureView; 2],
+    /// Nearest back faces.
+    pub backs: wgpu::TextureView,
+    /// What rays gathered up to even and odd layers.
+    pub sums: [wgpu::TextureView; 2],
+    /// Arguments of even and odd layers.
+    pub arguments: [wgpu::Buffer; 2],
+    depth: wgpu::TextureView,
+    fresh_arguments: [wgpu::Buffer; 2],
+    inside: wgpu::Buffer,
+    fresh_inside: wgpu::Buffer,
+    /// Bound on the number of layers.
+    pub layers: u32,
+    corners: u32,
+    project: Pass,
+    start_back: Draw,
+    start_first: Draw,
+    start_next: [Draw; 2],
+    clear: Draw,
+}
+
+/// The draws that walk from the starts of a layer, for one mode.
+pub(super) struct Walks {
+    /// From back faces to an eye inside the mesh.
+    pub back: Draw,
+    /// Even and odd layers.
+    pub layers: [Draw; 2],
+}
+
+impl Peel {
+    /// Targets of `size` pixels for at most `layers` layers.
+    pub fn new(geometry: &Geometry, view: &View, size: [u32; 2], layers: u32) -> Result<Peel> {
+        let gpu = &geometry.gpu;
+        let corners = geometry.corners();
+        let texture = |format, extra| target(gpu, size, format, extra);
+        let bound = wgpu::TextureUsages::TEXTURE_BINDING;
+        let keys = [texture(KEY, bound), texture(KEY, bound)];
+        let sums = [texture(SUM, bound), texture(SUM, bound)];
+        let [even, odd] = argument_records(corners, layers);
+        let arguments = [
+            gpu.buffer_of("even layers", &even)?,
+            gpu.buffer_of("odd layers", &odd)?,
+        ];
+        let fresh_arguments = [
+            gpu.buffer_of("even layers, fresh", &even)?,
+            gpu.buffer_of("odd layers, fresh", &odd)?,
+        ];
+        let outside = [corners, 0, 0, 0, 3, 0, 0, 0];
+        let inside = gpu.buffer_of("inside", &outside)?;
+        let fresh_inside = gpu.buffer_of("inside, fresh", &outside)?;
+        let start = |first: bool, cull: wgpu::Face, writes: usize| {
+            gpu.draw("render/start")
+                .constant("FIRST", f64::from(u8::from(first)))
+                .read(&geometry.projected)
+                .read(&geometry.boundary)
+                .read(&keys[1 - writes])
+                .read(&sums[1 - writes])
+                .write(&arguments[writes])
+                .params(view)
+                .target(KEY, None)
+                .depth(DEPTH, wgpu::CompareFunction::Greater, true)
+                .primitive(wgpu::PrimitiveState {
+                    cull_mode: Some(cull),
+                    ..Default::default()
+                })
+                .prepare()
+        };
+        Ok(Peel {
+            size,
+            backs: texture(KEY, bound),
+            depth: texture(DEPTH, wgpu::TextureUsages::empty()),
+            project: gpu
+                .pass("render/project")
+                .read(&geometry.positions)
+                .read(&geometry.scalars)
+                .write(&geometry.projected)
+                .write(&inside)
+                .params(view)
+                .over(view.nodes)?,
+            start_back: start(true, wgpu::Face::Front, 0)?,
+            start_first: start(true, wgpu::Face::Back, 0)?,
+            start_next: [
+                start(false, wgpu::Face::Back, 0)?,
+                start(false, wgpu::Face::Back, 1)?,
+            ],
+            clear: gpu
+                .draw("render/clear")
+                .target(KEY, None)
+                .depth(DEPTH, wgpu::CompareFunction::Always, true)
+                .prepare()?,
+            keys,
+            sums,
+            arguments,
+            fresh_arguments,
+            inside,
+            fresh_inside,
+            layers,
+            corners,
+        })
+    }
+
+    /// Records the search for the layers and their walks, from projection to the last sum.
+    pub fn record(&self, gpu: &Gpu, work: &mut Recorder, walks: &Walks, view: &View) {
+        self.project.set_params(gpu, view);
+        for draw in [&self.start_back, &self.start_first]
+            .into_iter()
+            .chain(&self.start_next)
+            .chain([&walks.back])
+            .chain(&walks.layers)
+        {
+            draw.set_params(gpu, view);
+        }
+        let copies = [
+            (&self.fresh_arguments[0], &self.arguments[0]),
+            (&self.fresh_arguments[1], &self.arguments[1]),
+            (&self.fresh_inside, &self.inside),
+        ];
+        for (fresh, used) in copies {
+            work.encoder()
+                .copy_buffer_to_buffer(fresh, 0, used, 0, fresh.size());
+        }
+        self.project.record(work);
+        {
+            let depth = self.depth_attachment(true);
+            let mut pass = work.render_pass("render/start", &[cleared(&self.backs, NO_KEY)], depth);
+            self.start_back.record_indirect(&mut pass, &self.inside, 0);
+        }
+        {
+            let depth = self.depth_attachment(true);
+            let mut pass =
+                work.render_pass("render/start", &[cleared(&self.keys[0], NO_KEY)], depth);
+            self.start_first.record(&mut pass, self.corners, 1);
+        }
+        {
+            let zero = cleared(&self.sums[1], wgpu::Color::TRANSPARENT);
+            let mut pass = work.render_pass("render/walk", &[zero], None);
+            walks
+                .back
+                .record_indirect(&mut pass, &self.inside, WALK_ARGUMENTS);
+        }
+        {
+            let zero = cleared(&self.sums[0], wgpu::Color::TRANSPARENT);
+            let mut pass = work.render_pass("render/walk", &[zero], None);
+            walks.layers[0].record(&mut pass, 3, 1);
+        }
+        // One layer more than may be walked tells whether any are left over.
+        for layer in 1..=self.layers {
+            let (parity, before) = (layer as usize % 2, 1 - layer as usize % 2);
+            {
+                let depth = self.depth_attachment(false);
+                let mut pass = work.render_pass("render/start", &[kept(&self.keys[parity])], depth);
+                let arguments = &self.arguments[before];
+                let offset = record_offset(layer - 1);
+                self.clear
+                    .record_indirect(&mut pass, arguments, offset + WALK_ARGUMENTS);
+                self.start_next[parity].record_indirect(&mut pass, arguments, offset);
+            }
+            if layer < self.layers {
+                let mut pass = work.render_pass("render/walk", &[kept(&self.sums[parity])], None);
+                let offset = record_offset(layer) + WALK_ARGUMENTS;
+                walks.layers[parity].record_indirect(&mut pass, &self.arguments[parity], offset);
+            }
+        }
+    }
+
+    /// How many layers found a face, in the last picture drawn; one more than the bound when some
+    /// are left over. Reads back.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_buffer`].
+    pub fn layers_found(&self, gpu: &Gpu) -> Result<u32> {
+        let records = [
+            gpu.read_buffer::<u32>(&self.arguments[0])?,
+            gpu.read_buffer::<u32>(&self.arguments[1])?,
+        ];
+        let ran = |layer: &u32| {
+            let word = (record_offset(*layer) / 4) as usize + 1;
+            records[*layer as usize % 2]
+                .get(word)
+                .is_some_and(|n| *n > 0)
+        };
+        Ok((0..=self.layers).take_while(ran).count() as u32)
+    }
+
+    fn depth_attachment(&self, clear: bool) -> Option<wgpu::RenderPassDepthStencilAttachment<'_>> {
+        Some(wgpu::RenderPassDepthStencilAttachment {
+            view: &self.depth,
+            depth_ops: Some(wgpu::Operations {
+                // Reversed depth: 0 is farthest.
+                load: if clear {
+                    wgpu::LoadOp::Clear(0.0)
+                } else {
+                    wgpu::LoadOp::Load
+                },
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        })
+    }
+}
+
+/// Byte offset of the walk's arguments in a record.
+const WALK_ARGUMENTS: u64 = 16;
+
+/// The key of no face: depth 0, face `NONE`.
+const NO_KEY: wgpu::Color = wgpu::Color {
+    r: 0.0,
+    g: u32::MAX as f64,
+    b: 0.0,
+    a: 0.0,
+};
+
+/// Byte offset of a layer's record in the buffer of its parity.
+fn record_offset(layer: u32) -> u64 {
+    u64::from(layer / 2) * (RECORD as u64) * 4
+}
+
+/// The arguments before a frame, for even and for odd layers: only layer 0 runs.
+fn argument_records(corners: u32, layers: u32) -> [Vec<u32>; 2] {
+    let mut records = [Vec::new(), Vec::new()];
+    for layer in 0..=layers {
+        let runs = u32::from(layer == 0);
+        // The first vertex tells the layer behind its number; see start.wgsl.
+        let first = (layer + 1).saturating_mul(corners);
+        records[layer as usize % 2].extend([corners, runs, first, 0, 3, runs, 0, 0]);
+    }
+    records
+}
+
+fn target(
+    gpu: &Gpu,
+    [width, height]: [u32; 2],
+    format: wgpu::TextureFormat,
+    extra: wgpu::TextureUsages,
+) -> wgpu::TextureView {
+    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("peel target"),
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | extra,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+fn cleared(
+    view: &wgpu::TextureView,
+    colour: wgpu::Color,
+) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+    attachment(view, wgpu::LoadOp::Clear(colour))
+}
+
+fn kept(view: &wgpu::TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+    attachment(view, wgpu::LoadOp::Load)
+}
+
+/// A colour attachment that is stored.
+pub(super) fn attachment(
+    view: &wgpu::TextureView,
+    load: wgpu::LoadOp<wgpu::Color>,
+) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+    Some(wgpu::RenderPassColorAttachment {
+        view,
+        resolve_target: None,
+        ops: wgpu::Operations {
+            load,
+            store: wgpu::StoreOp::Store,
+        },
+        depth_slice: None,
+    })
+}

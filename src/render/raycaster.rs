@@ -1,0 +1,548 @@
+//! Seeing inside a mesh while it moves: the single-pass raycaster.
+//!
+//! A start pass rasterises the boundary and writes the tet and face where each pixel's ray enters;
+//! a fullscreen fragment pass walks the ray from tet to tet to where it leaves, and composites
+//! front to back ([`Walk`] names the two ways to walk). Rays that enter again are peeled off layer
+//! by layer ([`super::peel`]). Segments are looked up in a pre-integrated table
+//! ([`super::table`]). Nothing is read back to decide anything.
+
+use super::geometry::Geometry;
+use super::image::Image;
+use super::peel::{Peel, SUM, Walks, attachment};
+use super::table::{Table, TableForm, Wanted};
+use super::view::{LocalView, View, Window};
+use super::{Camera, ResolvedTransfer, TransferFunction};
+use crate::gpu::{Draw, Gpu, Recorder};
+use crate::{Error, Result};
+use std::collections::HashMap;
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Resolve {
+            pub background: [f32; 4],
+            pub layers: u32,
+            pub _pad: [u32; 3],
+        }
+    }
+}
+
+/// How a ray finds its way from tet to tet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Walk {
+    /// Three projected vertices carried along, one fetched a step: faster, and right also where
+    /// a tet is inverted.
+    #[default]
+    Vertices,
+    /// The paper's: the nearest plane ahead, and the scalar from the gradient.
+    Planes,
+}
+
+/// What a ray gathers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Mode {
+    /// Emission and absorption by the transfer function.
+    #[default]
+    Composite,
+    /// Length inside the mesh, in file units.
+    Thickness,
+}
+
+/// What the shaders can gather: [`Mode`], or counts for a report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Gathered {
+    Composite,
+    Thickness,
+    Statistics,
+}
+
+impl From<Mode> for Gathered {
+    fn from(mode: Mode) -> Gathered {
+        match mode {
+            Mode::Composite => Gathered::Composite,
+            Mode::Thickness => Gathered::Thickness,
+        }
+    }
+}
+
+/// Choices that a raycaster is made with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RaycastOptions {
+    /// How rays walk.
+    pub walk: Walk,
+    /// How segments are looked up.
+    pub table: TableForm,
+    /// Most times a ray may enter the mesh (`--layers`).
+    pub layers: u32,
+    /// Error of a picture's values that the table's size is chosen for.
+    pub accuracy: f64,
+}
+
+impl Default for RaycastOptions {
+    fn default() -> RaycastOptions {
+        RaycastOptions {
+            walk: Walk::default(),
+            table: TableForm::default(),
+            layers: 32,
+            accuracy: 0.25 / 255.0,
+        }
+    }
+}
+
+/// Where a picture is drawn.
+pub struct Target<'a> {
+    /// The colour attachment; its texture's size is the picture's.
+    pub colour: &'a wgpu::TextureView,
+    /// Depths (`Depth32Float`, drawn with [`Raycaster::clip_from_file`]) of opaque things that
+    /// hide what lies behind them.
+    pub occluder: Option<&'a wgpu::TextureView>,
+    /// What was there before is replaced by this colour (red, green, blue, opacity) under the
+    /// picture; without one, the picture is blended over it.
+    pub background: Option<[f32; 4]>,
+}
+
+/// What the rays of a picture met.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RaycastReport {
+    /// Pixels whose ray meets the mesh.
+    pub rays: u64,
+    /// Walks that ended neither at the boundary nor opaque; none, unless tets are inverted.
+    pub lost_rays: u64,
+    /// Tets that a ray passes, on average.
+    pub tets_per_ray: f64,
+    /// Most times a ray enters the mesh.
+    pub peel_layers: u32,
+    /// Tets that are inside out or flat.
+    pub inverted: u32,
+}
+
+/// Pictures larger than this are drawn in tiles, so that memory and the time of a submit stay
+/// bounded.
+const TILE: u32 = 1024;
+/// A walk is given up after this many tets beyond those there are.
+const CAP_SLACK: u32 = 16;
+
+/// Draws the inside of a [`Geometry`].
+pub struct Raycaster {
+    gpu: Gpu,
+    geometry: Geometry,
+    options: RaycastOptions,
+    transfer: TransferFunction,
+    table: Table,
+    sampler: wgpu::Sampler,
+    lost: wgpu::Buffer,
+    nothing_opaque: wgpu::TextureView,
+    frame: Option<Frame>,
+}
+
+/// What is made for one size of picture.
+struct Frame {
+    peel: Peel,
+    walks: HashMap<(Gathered, bool), Walks>,
+    /// The occluder that the walks were prepared with.
+    occluder: Option<wgpu::TextureView>,
+    resolves: HashMap<(wgpu::TextureFormat, bool), Draw>,
+}
+
+impl Raycaster {
+    /// A raycaster for `geometry`, with the default [`RaycastOptions`].
+    ///
+    /// # Errors
+    /// When the device cannot hold what it needs.
+    pub fn new(gpu: &Gpu, geometry: Geometry, transfer: &TransferFunction) -> Result<Raycaster> {
+        Raycaster::with_options(gpu, geometry, transfer, RaycastOptions::default())
+    }
+
+    /// A raycaster for `geometry`.
+    ///
+    /// # Errors
+    /// As [`Raycaster::new`]; [`Error::Input`] for 0 or more than 255 layers.
+    pub fn with_options(
+        gpu: &Gpu,
+        geometry: Geometry,
+        transfer: &TransferFunction,
+        options: RaycastOptions,
+    ) -> Result<Raycaster> {
+        if !(1..=255).contains(&options.layers) {
+            return Err(Error::Input(format!(
+                "{} layers: choose from 1 to 255 (--layers)",
+                options.layers
+            )));
+        }
+        let table = make_table(gpu, &geometry, transfer, &options)?;
+        let sampler = gpu.device().create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("table"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let nothing = gpu.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some("nothing opaque"),
+            size: wgpu::Extent3d::default(),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Depth32Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        });
+        Ok(Raycaster {
+            gpu: gpu.clone(),
+            geometry,
+            options,
+            transfer: transfer.clone(),
+            table,
+            sampler,
+            lost: gpu.buffer("lost rays", 4)?,
+            nothing_opaque: nothing.create_view(&wgpu::TextureViewDescriptor::default()),
+            frame: None,
+        })
+    }
+
+    /// What it draws.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// What it draws, to be told that it [`moved`](Geometry::moved).
+    pub fn geometry_mut(&mut self) -> &mut Geometry {
+        &mut self.geometry
+    }
+
+    /// The transfer function, in absolute terms.
+    pub fn transfer(&self) -> ResolvedTransfer {
+        self.transfer
+            .resolved(self.geometry.range, self.geometry.frame.scale)
+    }
+
+    /// Draws with another transfer function from now on; its table is built on the GPU, in the
+    /// next picture's recording.
+    ///
+    /// # Errors
+    /// As [`Raycaster::new`].
+    pub fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
+        self.table = make_table(&self.gpu, &self.geometry, transfer, &self.options)?;
+        self.transfer = transfer.clone();
+        if let Some(frame) = &mut self.frame {
+            frame.walks.clear();
+        }
+        Ok(())
+    }
+
+    /// The matrix from file coordinates to the clip space of `camera`, whose depth falls from 1
+    /// near the eye to 0: for drawing an occluder.
+    pub fn clip_from_file(&self, camera: &Camera, size: [u32; 2]) -> glam::DMat4 {
+        let frame = &self.geometry.frame;
+        LocalView::new(camera, frame, Window::whole(size)).clip_from_file(frame)
+    }
+
+    /// Records the drawing of a picture into `target`. Refreshes what the positions have changed
+    /// and builds the table first where needed; reads nothing back.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a bad camera, [`Error::Gpu`] when the device refuses.
+    pub fn record(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        mode: Mode,
+        target: &Target,
+    ) -> Result<()> {
+        let texture = target.colour.texture();
+        let window = Window::whole([texture.width(), texture.height()]);
+        self.record_window(work, camera, mode.into(), target, window)
+    }
+
+    /// The picture of `camera`, of `size` pixels. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Raycaster::record`]; and [`Error::Input`] when a ray enters more often than there are
+    /// layers for.
+    pub fn image(&mut self, camera: &Camera, size: [u32; 2], mode: Mode) -> Result<Image> {
+        let (pixels, layers) = self.gather(camera, size, mode.into())?;
+        self.check_layers(layers)?;
+        let (channels, values) = match mode {
+            Mode::Composite => (4, pixels.into_iter().flatten().collect()),
+            Mode::Thickness => (1, pixels.into_iter().map(|p| p[0]).collect()),
+        };
+        Ok(Image {
+            size,
+            channels,
+            values,
+        })
+    }
+
+    /// What the rays of a picture meet, at the present positions. Draws it once more, whole rays,
+    /// and reads back.
+    ///
+    /// # Errors
+    /// As [`Raycaster::image`].
+    pub fn report(&mut self, camera: &Camera, size: [u32; 2]) -> Result<RaycastReport> {
+        self.gpu.queue().write_buffer(&self.lost, 0, &[0; 4]);
+        let (pixels, layers) = self.gather(camera, size, Gathered::Statistics)?;
+        let lost = self.gpu.read_buffer::<u32>(&self.lost)?;
+        self.check_layers(layers)?;
+        let rays = pixels.iter().filter(|p| p[1] > 0.0).count() as u64;
+        let steps: f64 = pixels.iter().map(|p| f64::from(p[0])).sum();
+        Ok(RaycastReport {
+            rays,
+            lost_rays: lost.first().copied().unwrap_or(0).into(),
+            tets_per_ray: steps / (rays.max(1) as f64),
+            peel_layers: layers,
+            inverted: self.geometry.inverted()?,
+        })
+    }
+
+    fn check_layers(&self, found: u32) -> Result<()> {
+        if found > self.options.layers {
+            return Err(Error::Input(format!(
+                "a ray enters the mesh more than {0} times, and {0} layers were allowed; allow more with --layers",
+                self.options.layers
+            )));
+        }
+        Ok(())
+    }
+
+    /// All pixels of a picture, and the most layers that a tile needed.
+    fn gather(
+        &mut self,
+        camera: &Camera,
+        size: [u32; 2],
+        gathered: Gathered,
+    ) -> Result<(Vec<[f32; 4]>, u32)> {
+        check_size(size)?;
+        let tile = size.map(|n| n.min(TILE));
+        let texture = self.gpu.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some("picture"),
+            size: wgpu::Extent3d {
+                width: tile[0],
+                height: tile[1],
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: SUM,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let mut pixels = vec![[0.0; 4]; size[0] as usize * size[1] as usize];
+        let mut layers = 0;
+        for y in (0..size[1]).step_by(tile[1] as usize) {
+            for x in (0..size[0]).step_by(tile[0] as usize) {
+                let window = Window {
+                    picture: size,
+                    corner: [x, y],
+                    size: tile,
+                };
+                let target = Target {
+                    colour: &view,
+                    occluder: None,
+                    background: Some([0.0; 4]),
+                };
+                let mut work = self.gpu.record();
+                self.record_window(&mut work, camera, gathered, &target, window)?;
+                work.submit()?;
+                let drawn: Vec<[f32; 4]> = self.gpu.read_texture(&texture)?;
+                let width = tile[0].min(size[0] - x) as usize;
+                for (row, line) in drawn.chunks_exact(tile[0] as usize).enumerate() {
+                    let to = (y as usize + row) * size[0] as usize + x as usize;
+                    if let Some(to) = pixels.get_mut(to..to + width) {
+                        to.copy_from_slice(&line[..width]);
+                    }
+                }
+                if let Some(frame) = &self.frame {
+                    layers = layers.max(frame.peel.layers_found(&self.gpu)?);
+                }
+            }
+        }
+        Ok((pixels, layers))
+    }
+
+    fn record_window(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        gathered: Gathered,
+        target: &Target,
+        window: Window,
+    ) -> Result<()> {
+        camera.check()?;
+        let view = self.view(camera, window);
+        self.table.record(work);
+        if self.options.walk == Walk::Planes {
+            self.geometry.record_refresh(work);
+        }
+        check_size(window.size)?;
+        // The frame is out of `self` while draws are prepared from the rest of it.
+        let kept = self.frame.take().filter(|f| f.peel.size == window.size);
+        let mut frame = match kept {
+            Some(frame) => frame,
+            None => Frame {
+                peel: Peel::new(&self.geometry, &view, window.size, self.options.layers)?,
+                walks: HashMap::new(),
+                occluder: None,
+                resolves: HashMap::new(),
+            },
+        };
+        let drawn = self.draw(work, &mut frame, &view, gathered, target);
+        self.frame = Some(frame);
+        drawn
+    }
+
+    fn draw(
+        &self,
+        work: &mut Recorder,
+        frame: &mut Frame,
+        view: &View,
+        gathered: Gathered,
+        target: &Target,
+    ) -> Result<()> {
+        if frame.occluder.as_ref() != target.occluder {
+            frame.walks.retain(|(_, occluded), _| !occluded);
+            frame.occluder = target.occluder.cloned();
+        }
+        let key = (gathered, target.occluder.is_some());
+        if !frame.walks.contains_key(&key) {
+            let walks = self.walks(&frame.peel, view, gathered, target.occluder)?;
+            frame.walks.insert(key, walks);
+        }
+        if let Some(walks) = frame.walks.get(&key) {
+            frame.peel.record(&self.gpu, work, walks, view);
+        }
+        self.resolve(work, frame, target)
+    }
+
+    /// Brings the sum of the last layer that ran into the target.
+    fn resolve(&self, work: &mut Recorder, frame: &mut Frame, target: &Target) -> Result<()> {
+        let params = gpu_data::Resolve {
+            background: target.background.unwrap_or_default(),
+            layers: frame.peel.layers,
+            _pad: [0; 3],
+        };
+        let format = target.colour.texture().format();
+        let blend = target.background.is_none();
+        let key = (format, blend);
+        if !frame.resolves.contains_key(&key) {
+            let peel = &frame.peel;
+            let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+            let draw = self
+                .gpu
+                .draw("render/resolve")
+                .read(&peel.sums[0])
+                .read(&peel.sums[1])
+                .read(&peel.arguments[0])
+                .read(&peel.arguments[1])
+                .params(&params)
+                .target(format, blend.then_some(over))
+                .prepare()?;
+            frame.resolves.insert(key, draw);
+        }
+        if let Some(draw) = frame.resolves.get(&key) {
+            draw.set_params(&self.gpu, &params);
+            let load = match target.background {
+                Some(_) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                None => wgpu::LoadOp::Load,
+            };
+            let colour = [attachment(target.colour, load)];
+            let mut pass = work.render_pass("render/resolve", &colour, None);
+            draw.record(&mut pass, 3, 1);
+        }
+        Ok(())
+    }
+
+    fn walks(
+        &self,
+        peel: &Peel,
+        view: &View,
+        gathered: Gathered,
+        occluder: Option<&wgpu::TextureView>,
+    ) -> Result<Walks> {
+        let flag = |on: bool| f64::from(u8::from(on));
+        let mode = match gathered {
+            Gathered::Composite => 0.0,
+            Gathered::Thickness => 1.0,
+            Gathered::Statistics => 2.0,
+        };
+        let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
+            let sum = &peel.sums[1 - writes];
+            let opaque = occluder.unwrap_or(&self.nothing_opaque);
+            let geometry = &self.geometry;
+            let builder = match self.options.walk {
+                Walk::Vertices => self
+                    .gpu
+                    .draw("render/walk_vertices")
+                    .read(&geometry.projected)
+                    .read(&geometry.tets)
+                    .read(&geometry.links),
+                Walk::Planes => self.gpu.draw("render/walk_planes").read(&geometry.records),
+            };
+            builder
+                .constant("MODE", mode)
+                .constant("TABLE", flag(self.options.table == TableForm::Volume))
+                .constant("BACKWARDS", flag(backwards))
+                .constant("OCCLUDED", flag(occluder.is_some()))
+                .read(starts)
+                .read(&peel.keys[0])
+                .read(sum)
+                .read(opaque)
+                .read(&self.table.view)
+                .read(&self.sampler)
+                .write(&self.lost)
+                .params(view)
+                .target(SUM, None)
+                .prepare()
+        };
+        Ok(Walks {
+            // The walk towards the eye comes before layer 0, and leaves its sum to it.
+            back: draw(&peel.backs, 1, true)?,
+            layers: [
+                draw(&peel.keys[0], 0, false)?,
+                draw(&peel.keys[1], 1, false)?,
+            ],
+        })
+    }
+
+    fn view(&self, camera: &Camera, window: Window) -> View {
+        let geometry = &self.geometry;
+        View {
+            scalar: self.table.scalar(),
+            opacity: self.table.opacity,
+            nodes: geometry.projected.len(),
+            corners: geometry.corners(),
+            cap: geometry.tet_count().saturating_add(CAP_SLACK),
+            layers: self.table.layers,
+            reach: self.table.reach,
+            ..LocalView::new(camera, &geometry.frame, window).to_gpu()
+        }
+    }
+}
+
+fn make_table(
+    gpu: &Gpu,
+    geometry: &Geometry,
+    transfer: &TransferFunction,
+    options: &RaycastOptions,
+) -> Result<Table> {
+    Table::new(
+        gpu,
+        &Wanted {
+            form: options.table,
+            transfer: &transfer.resolved(geometry.range, geometry.frame.scale),
+            range: geometry.range,
+            scale: geometry.frame.scale,
+            longest: geometry.longest_edge,
+            accuracy: options.accuracy,
+        },
+    )
+}
+
+fn check_size(size: [u32; 2]) -> Result<()> {
+    if size.iter().any(|n| !(1..=65_536).contains(n)) {
+        return Err(Error::Input(format!(
+            "a picture of {} x {} pixels; each side must be from 1 to 65536",
+            size[0], size[1]
+        )));
+    }
+    Ok(())
+}

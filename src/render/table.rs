@@ -1,0 +1,383 @@
+//! The pre-integrated table: colour and opacity of a ray segment from its two scalars and its
+//! length, built on the GPU when the transfer function changes and never when the mesh moves.
+//!
+//! The sliced form holds mean colour and mean extinction for depths in quarter octaves: opacity
+//! 1 − exp(−τ̄ d) is exact for any length, and only the order of colours inside a segment is left
+//! to the nearest slice. The volume is the paper's: colour and opacity, linear in depth.
+//! Depths are lengths times the largest extinction times log₂ e.
+
+use super::ResolvedTransfer;
+use crate::gpu::{Gpu, Pass, Recorder};
+use crate::{Error, Result};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Piece {
+            pub ends: [f32; 4],
+            pub first: [f32; 4],
+            pub last: [f32; 4],
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Limit {
+            pub size: u32,
+            pub pieces: u32,
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Slice {
+            pub size: u32,
+            pub half_depth: f32,
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Slab {
+            pub size: u32,
+            pub layer: u32,
+            pub depth: f32,
+        }
+    }
+}
+
+/// How segments are looked up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum TableForm {
+    /// Slices of mean colour and mean extinction: faster, and exact in opacity.
+    #[default]
+    Sliced,
+    /// The paper's three-dimensional table of colour and opacity.
+    Volume,
+}
+
+/// Slices an octave of depth, as log₂; `lib/segment.wgsl` has the same numbers.
+const OCTAVE_BITS: u32 = 2;
+/// The first octave of depths begins at 2 to this.
+const FIRST_OCTAVE: i32 = -5;
+/// Octaves at most: WebGPU's 256 layers hold 64, and depths beyond 2¹⁹ are opaque.
+const MOST_OCTAVES: u32 = 24;
+/// A deformed segment may be this much longer than the longest edge before the last layer.
+const STRETCH: f64 = 4.0;
+/// Sizes of the table along each scalar.
+const SIZES: [u32; 4] = [64, 128, 256, 512];
+/// Layers of the volume.
+const VOLUME_LAYERS: [u32; 3] = [32, 64, 128];
+
+/// A table on the GPU, and the passes that fill it.
+pub(super) struct Table {
+    /// All layers, to be sampled.
+    pub view: wgpu::TextureView,
+    /// Texels along each scalar.
+    pub size: u32,
+    /// Number of layers.
+    pub layers: u32,
+    /// Depth of the volume's last layer.
+    pub reach: f32,
+    /// Largest extinction per local unit, times log₂ e.
+    pub opacity: f32,
+    passes: Vec<Pass>,
+    filled: bool,
+}
+
+/// What a table is made for.
+pub(super) struct Wanted<'a> {
+    /// Sliced or volume.
+    pub form: TableForm,
+    /// The transfer function, in file units.
+    pub transfer: &'a ResolvedTransfer,
+    /// The scalars it covers.
+    pub range: (f64, f64),
+    /// File units in a local unit.
+    pub scale: f64,
+    /// Longest segment to expect, in local units.
+    pub longest: f64,
+    /// Error of a picture's values aimed for.
+    pub accuracy: f64,
+}
+
+impl Table {
+    /// Prepares the table's textures and passes; see [`Table::record`].
+    pub fn new(gpu: &Gpu, wanted: &Wanted) -> Result<Table> {
+        let pieces = Pieces::new(wanted.transfer, wanted.range);
+        let opacity = pieces.max_extinction * wanted.scale * std::f64::consts::LOG2_E;
+        if !(opacity as f32).is_finite() {
+            return Err(Error::Input(format!(
+                "an extinction of {} per unit of length is too much for a mesh of extent {}",
+                pieces.max_extinction, wanted.scale
+            )));
+        }
+        let size = pieces.table_size(opacity, wanted.accuracy);
+        let depth = opacity * wanted.longest;
+        let (layers, reach) = match wanted.form {
+            TableForm::Sliced => (slices(depth * STRETCH), 1.0),
+            TableForm::Volume => {
+                let deep = [4.0, 16.0].iter().filter(|d| depth > **d).count();
+                (VOLUME_LAYERS[deep], depth.max(1e-6) as f32)
+            }
+        };
+        let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some("pre-integrated table"),
+            size: wgpu::Extent3d {
+                width: size,
+                height: size,
+                depth_or_array_layers: layers,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            // Half floats: every device filters them, and means need no more.
+            format: wgpu::TextureFormat::Rgba16Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let builder = Builder {
+            gpu,
+            size,
+            texture: &texture,
+            limit: work_texture(gpu, size),
+        };
+        let mut passes = vec![builder.limit_pass(&pieces.list)?];
+        match wanted.form {
+            TableForm::Sliced => builder.slices(layers, &mut passes)?,
+            TableForm::Volume => builder.volume(layers, reach, &mut passes)?,
+        }
+        let view = texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2Array),
+            ..Default::default()
+        });
+        Ok(Table {
+            view,
+            size,
+            layers,
+            reach,
+            opacity: opacity as f32,
+            passes,
+            filled: false,
+        })
+    }
+
+    /// Records the building of the table, once.
+    pub fn record(&mut self, work: &mut Recorder) {
+        if !self.filled {
+            self.passes.iter().for_each(|pass| pass.record(work));
+            self.filled = true;
+        }
+    }
+
+    /// Table coordinate of a scalar s from 0 to 1: first · s + second, texel centres at the ends.
+    pub fn scalar(&self) -> [f32; 2] {
+        let size = self.size as f32;
+        [(size - 1.0) / size, 0.5 / size]
+    }
+}
+
+/// Slices needed for depths up to `depth`.
+fn slices(depth: f64) -> u32 {
+    let octaves = depth.max(1e-9).log2().ceil() as i32 - FIRST_OCTAVE;
+    (octaves.clamp(1, MOST_OCTAVES as i32) as u32) << OCTAVE_BITS
+}
+
+/// The depth in the middle of slice `k`.
+fn slice_depth(k: u32) -> f64 {
+    let steps = 1u32 << OCTAVE_BITS;
+    let within = (f64::from(k % steps) + 0.5) / f64::from(steps);
+    2f64.powi(FIRST_OCTAVE + (k / steps) as i32) * (1.0 + within)
+}
+
+fn work_texture(gpu: &Gpu, size: u32) -> wgpu::TextureView {
+    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("table work"),
+        size: wgpu::Extent3d {
+            width: size,
+            height: size,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba32Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+struct Builder<'a> {
+    gpu: &'a Gpu,
+    size: u32,
+    texture: &'a wgpu::Texture,
+    limit: wgpu::TextureView,
+}
+
+impl Builder<'_> {
+    fn groups(&self) -> [u32; 3] {
+        [self.size.div_ceil(8), self.size.div_ceil(8), 1]
+    }
+
+    fn layer(&self, k: u32) -> wgpu::TextureView {
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer: k,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    }
+
+    fn limit_pass(&self, pieces: &[gpu_data::Piece]) -> Result<Pass> {
+        let buffer = self.gpu.buffer_of("transfer pieces", pieces)?;
+        self.gpu
+            .pass("render/table_limit")
+            .read(&buffer)
+            .write(&self.limit)
+            .params(&gpu_data::Limit {
+                size: self.size,
+                pieces: pieces.len() as u32,
+            })
+            .over_groups(self.groups())
+    }
+
+    /// Each slice from the one an octave before it.
+    fn slices(&self, layers: u32, passes: &mut Vec<Pass>) -> Result<()> {
+        let octave = 1 << OCTAVE_BITS;
+        let ring: Vec<_> = (0..2 * octave)
+            .map(|_| work_texture(self.gpu, self.size))
+            .collect();
+        for k in 0..layers as usize {
+            let halves = match k.checked_sub(octave) {
+                Some(before) => &ring[before % ring.len()],
+                None => &self.limit,
+            };
+            passes.push(
+                self.gpu
+                    .pass("render/table_slice")
+                    .read(halves)
+                    .write(&ring[k % ring.len()])
+                    .write(&self.layer(k as u32))
+                    .params(&gpu_data::Slice {
+                        size: self.size,
+                        half_depth: (0.5 * slice_depth(k as u32)) as f32,
+                    })
+                    .over_groups(self.groups())?,
+            );
+        }
+        Ok(())
+    }
+
+    /// Each layer from a first slab and the layer before it.
+    fn volume(&self, layers: u32, reach: f32, passes: &mut Vec<Pass>) -> Result<()> {
+        let slab = work_texture(self.gpu, self.size);
+        let others = [
+            work_texture(self.gpu, self.size),
+            work_texture(self.gpu, self.size),
+        ];
+        for k in 0..layers {
+            let [first, before, whole] = match k {
+                0 => [&self.limit, &self.limit, &others[0]],
+                1 => [&self.limit, &self.limit, &slab],
+                2 => [&slab, &slab, &others[0]],
+                _ => [
+                    &slab,
+                    &others[(k as usize - 1) % 2],
+                    &others[k as usize % 2],
+                ],
+            };
+            passes.push(
+                self.gpu
+                    .pass("render/table_volume")
+                    .read(&self.limit)
+                    .read(first)
+                    .read(before)
+                    .write(whole)
+                    .write(&self.layer(k))
+                    .params(&gpu_data::Slab {
+                        size: self.size,
+                        layer: k,
+                        depth: reach / (layers - 1) as f32,
+                    })
+                    .over_groups(self.groups())?,
+            );
+        }
+        Ok(())
+    }
+}
+
+/// A transfer function cut where it bends, over scalars from 0 to 1 and a little beyond.
+struct Pieces {
+    list: Vec<gpu_data::Piece>,
+    /// Largest extinction in the range, per file unit.
+    max_extinction: f64,
+}
+
+impl Pieces {
+    fn new(transfer: &ResolvedTransfer, range: (f64, f64)) -> Pieces {
+        let span = range.1 - range.0;
+        let mut cuts: Vec<f64> = transfer
+            .nodes()
+            .iter()
+            .map(|s| (s - range.0) / span)
+            .filter(|s| *s > -1.0 && *s < 2.0)
+            .collect();
+        cuts.insert(0, -1.0);
+        cuts.push(2.0);
+        // Both functions are linear inside a piece: two inner points give its ends, jumps included.
+        let ends = |a: f64, b: f64| {
+            let at = |w: f64| range.0 + span * (a + w * (b - a));
+            let line = |p: f64, q: f64| [1.5 * p - 0.5 * q, 1.5 * q - 0.5 * p];
+            let (p, q) = (transfer.colour(at(0.25)), transfer.colour(at(0.75)));
+            let colour = [0, 1, 2].map(|k| line(p[k], q[k]));
+            let [first, last] = line(transfer.extinction(at(0.25)), transfer.extinction(at(0.75)));
+            (colour, [first.max(0.0), last.max(0.0)])
+        };
+        let wide = |pair: &&[f64]| pair[1] - pair[0] > 1e-9;
+        let inside = |s: f64| transfer.extinction(range.0 + span * s);
+        let max_extinction = cuts
+            .windows(2)
+            .filter(wide)
+            .filter(|pair| pair[0] < 1.0 && pair[1] > 0.0)
+            .flat_map(|pair| ends(pair[0].max(0.0), pair[1].min(1.0)).1)
+            .fold(inside(0.0).max(inside(1.0)), f64::max);
+        let unit = if max_extinction > 0.0 {
+            max_extinction
+        } else {
+            1.0
+        };
+        let list = cuts
+            .windows(2)
+            .filter(wide)
+            .map(|pair| {
+                let (c, t) = ends(pair[0], pair[1]);
+                gpu_data::Piece {
+                    ends: [pair[0], t[0] / unit, pair[1], t[1] / unit].map(|x| x as f32),
+                    first: [c[0][0], c[1][0], c[2][0], 0.0].map(|x| x as f32),
+                    last: [c[0][1], c[1][1], c[2][1], 0.0].map(|x| x as f32),
+                }
+            })
+            .collect();
+        Pieces {
+            list,
+            max_extinction,
+        }
+    }
+
+    /// Texels along each scalar for pictures within `accuracy`: linear interpolation misses a bend
+    /// by (change of slope) h²/8 and a jump by (jump) h/4, over about a mesh's extent of path.
+    fn table_size(&self, opacity: f64, accuracy: f64) -> u32 {
+        // Beyond a depth of some units a ray is opaque, and errors no longer add up.
+        let depth = opacity.min(16.0);
+        let bends = self.list.windows(2).map(|pair| {
+            let (a, b) = (&pair[0], &pair[1]);
+            let slope =
+                |p: &gpu_data::Piece| f64::from((p.ends[3] - p.ends[1]) / (p.ends[2] - p.ends[0]));
+            let jump = f64::from((b.ends[1] - a.ends[3]).abs());
+            ((slope(b) - slope(a)).abs(), jump)
+        });
+        let (bend, jump) = bends.fold((0.0f64, 0.0f64), |x, y| (x.0.max(y.0), x.1.max(y.1)));
+        let error = |size: u32| {
+            let h = 1.0 / f64::from(size);
+            depth * (bend * h * h / 8.0 + jump * h / 4.0)
+        };
+        let enough = SIZES.into_iter().find(|size| error(*size) <= accuracy);
+        enough.unwrap_or(SIZES[SIZES.len() - 1])
+    }
+}
