@@ -2,6 +2,7 @@
 
 use super::Gpu;
 use super::binding::{Bind, Sentence};
+use super::device::lock;
 use super::layout::GpuStruct;
 use crate::Result;
 
@@ -110,10 +111,38 @@ impl<'a> DrawBuilder<'a> {
         let bound = self
             .sentence
             .check(gpu, name, wgpu::ShaderStages::VERTEX_FRAGMENT)?;
+        let key = format!(
+            "{name} {:?} {:?} {:?} {:?} {:?}",
+            self.constants, bound.layout_entries, self.targets, self.depth, self.primitive
+        );
+        let known = lock(&gpu.pipelines().render).get(&key).cloned();
+        let (pipeline, layout) = match known {
+            Some(known) => known,
+            None => {
+                let made = self.pipeline(&bound.layout_entries)?;
+                lock(&gpu.pipelines().render).insert(key, made.clone());
+                made
+            }
+        };
+        let bind_group = self
+            .sentence
+            .bind_group(gpu, name, &layout, bound.params.as_ref())?;
+        Ok(Draw {
+            pipeline,
+            bind_group,
+            params: bound.params,
+        })
+    }
+
+    fn pipeline(
+        &self,
+        entries: &[wgpu::BindGroupLayoutEntry],
+    ) -> Result<(wgpu::RenderPipeline, wgpu::BindGroupLayout)> {
+        let (gpu, name) = (self.gpu, self.name);
         let layout = gpu.create(name, |device| {
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
                 label: Some(name),
-                entries: &bound.layout_entries,
+                entries,
             })
         })?;
         let source = super::compose(name)?;
@@ -153,14 +182,7 @@ impl<'a> DrawBuilder<'a> {
                 cache: None,
             })
         })?;
-        let bind_group = self
-            .sentence
-            .bind_group(gpu, name, &layout, bound.params.as_ref())?;
-        Ok(Draw {
-            pipeline,
-            bind_group,
-            params: bound.params,
-        })
+        Ok((pipeline, layout))
     }
 }
 

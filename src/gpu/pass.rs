@@ -9,9 +9,10 @@ use std::collections::HashMap;
 use std::sync::Mutex;
 use wgpu::naga;
 
-/// Compute pipelines already made, by shader, constants and layout.
+/// Pipelines already made, by shader, constants, layout and (render) attachments.
 #[derive(Debug, Default)]
 pub(super) struct Pipelines {
+    pub(super) render: Mutex<HashMap<String, (wgpu::RenderPipeline, wgpu::BindGroupLayout)>>,
     compute: Mutex<HashMap<String, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>>,
 }
 
