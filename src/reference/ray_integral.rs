@@ -338,8 +338,8 @@ impl Piece {
             let u = 0.5 * (a + b) + half * x;
             let extinction = self.extinction[0] + self.extinction[1] * u;
             let emitted = weight * half * self.length * extinction * (-self.depth(u)).exp();
-            for k in 0..3 {
-                sum[k] += emitted * (self.colour[k][0] + self.colour[k][1] * u);
+            for (sum, [start, slope]) in sum.iter_mut().zip(self.colour) {
+                *sum += emitted * (start + slope * u);
             }
         }
         sum
