@@ -1,6 +1,6 @@
 //! Making a mesh safe to work with: what is repaired, what is counted, what is refused.
 
-use super::{Field, Location, TetMesh, signed_volume};
+use super::{Field, Location, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::HashSet;
@@ -25,8 +25,8 @@ pub struct Repairs {
 impl TetMesh {
     /// A mesh from nodes, tets in any orientation, and fields, made safe to work with.
     ///
-    /// Wrongly oriented tets are flipped; tets with a repeated corner or exactly zero volume,
-    /// and repeats of a tet, are dropped; nodes that no tet uses are dropped. All of it is
+    /// Wrongly oriented tets are flipped; tets with a repeated corner or no volume (less than
+    /// rounding in f64 could make), and repeats of a tet, are dropped; nodes that no tet uses are dropped. All of it is
     /// counted in [`TetMesh::repairs`], after the `warnings` given.
     ///
     /// # Errors
@@ -94,11 +94,10 @@ impl TetMesh {
         let mut seen = HashSet::with_capacity(self.tets.len());
         let mut keep = vec![true; self.tets.len()];
         for (t, tet) in self.tets.iter_mut().enumerate() {
-            let mut key = *tet;
-            key.sort_unstable();
-            let repeated_corner = key.windows(2).any(|w| w[0] == w[1]);
-            let volume = signed_volume(tet.map(|v| self.nodes[v as usize]));
-            if repeated_corner || volume == 0.0 {
+            let (key, odd) = sorted(*tet);
+            let volume = certain_volume(key.map(|v| self.nodes[v as usize]));
+            let volume = if odd { -volume } else { volume };
+            if volume == 0.0 {
                 self.repairs.degenerate += 1;
                 keep[t] = false;
             } else if !seen.insert(key) {
@@ -169,6 +168,37 @@ impl TetMesh {
                 r.warnings.push(format!("{count} {what}"));
             }
         }
+    }
+}
+
+/// A tet's nodes in rising order, and whether that took an odd number of exchanges.
+fn sorted(mut tet: [u32; 4]) -> ([u32; 4], bool) {
+    let mut odd = false;
+    for (a, b) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
+        if tet[a] > tet[b] {
+            tet.swap(a, b);
+            odd = !odd;
+        }
+    }
+    (tet, odd)
+}
+
+/// Signed volume (times six) of a tet, 0 where rounding could have made its sign: with less
+/// volume than f64 can tell from none, a tet has no orientation. Given the corners in a fixed
+/// order, a tet and its mirror image get exactly opposite volumes.
+fn certain_volume([p, a, b, c]: [DVec3; 4]) -> f64 {
+    let (a, b, c) = (a - p, b - p, c - p);
+    let determinant = a.dot(b.cross(c));
+    let (a, b, c) = (a.abs(), b.abs(), c.abs());
+    let size = a.x * (b.y * c.z + b.z * c.y)
+        + a.y * (b.z * c.x + b.x * c.z)
+        + a.z * (b.x * c.y + b.y * c.x);
+    // Shewchuk's bound for orient3d is (7 + 56ε)ε, ε = 2⁻⁵³; double that covers any order of
+    // the corners.
+    if determinant.abs() > 7.0 * f64::EPSILON * size {
+        determinant
+    } else {
+        0.0
     }
 }
 
