@@ -42,6 +42,8 @@ struct File<'a> {
     /// Whose attributes are being read, and how many tuples they have; `None` before
     /// POINT_DATA and CELL_DATA, where arrays belong to the file as a whole.
     owner: Option<(Location, usize)>,
+    /// Components of the array read last.
+    last_components: usize,
 }
 
 impl<'a> File<'a> {
@@ -91,6 +93,7 @@ impl<'a> File<'a> {
             cells: None,
             kinds: None,
             owner: None,
+            last_components: 0,
         })
     }
 
@@ -408,22 +411,35 @@ impl<'a> File<'a> {
         }
     }
 
-    /// METADATA runs to the next empty line.
+    /// METADATA runs to the next empty line, but for the names of the components of the array
+    /// before it, which are one a line and may be empty.
     fn skip_metadata(&mut self) {
         self.at.rest_of_line();
-        while !self.at.rest().is_empty() && !self.at.rest_of_line().trim_ascii().is_empty() {}
+        while !self.at.rest().is_empty() {
+            let line = self.at.rest_of_line().trim_ascii();
+            if line.is_empty() {
+                break;
+            }
+            if line.eq_ignore_ascii_case(b"COMPONENT_NAMES") {
+                for _ in 0..self.last_components {
+                    self.at.rest_of_line();
+                }
+            }
+        }
     }
 
     /// Colours: fractions in ASCII, bytes in binary.
     fn colours(&mut self, rows: usize, width: usize, name: &str) -> Parse<(Vec<f64>, ScalarType)> {
         self.at.rest_of_line();
-        let scalar = if self.ascii {
-            ScalarType::F32
-        } else {
-            ScalarType::U8
-        };
         let count = rows.checked_mul(width).ok_or_else(|| self.too_many(name))?;
-        Ok((self.numbers(count, scalar, name)?, scalar))
+        let values = if self.ascii {
+            let fractions = self.numbers(count, ScalarType::F64, name)?;
+            let byte = |x: f64| (255.0 * x).round().clamp(0.0, 255.0);
+            fractions.into_iter().map(byte).collect()
+        } else {
+            self.numbers(count, ScalarType::U8, name)?
+        };
+        Ok((values, ScalarType::U8))
     }
 
     /// `tuples` × `components` values of the type that VTK calls `kind`; `None` when they are
@@ -435,6 +451,7 @@ impl<'a> File<'a> {
         kind: &str,
         of: &str,
     ) -> Parse<Option<(Vec<f64>, ScalarType)>> {
+        self.last_components = components;
         let count = tuples
             .checked_mul(components)
             .ok_or_else(|| self.too_many(of))?;

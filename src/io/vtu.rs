@@ -71,6 +71,7 @@ impl<'a> Outline<'a> {
             appended: None,
         };
         let mut open: Vec<String> = Vec::new();
+        let mut known = false;
         loop {
             let before = reader.buffer_position() as usize;
             let event = reader.read_event().map_err(|e| {
@@ -79,6 +80,7 @@ impl<'a> Outline<'a> {
             match event {
                 Event::Start(tag) => {
                     outline.start(&tag, &open)?;
+                    known = true;
                     open.push(name_of(&tag));
                     if tag.name().as_ref() == b"AppendedData" {
                         outline.find_appended(&tag, reader.buffer_position() as usize)?;
@@ -104,6 +106,9 @@ impl<'a> Outline<'a> {
         }
         match open.pop() {
             Some(tag) => Err(format!("the file ends within <{tag}>: it is truncated")),
+            None if !known => {
+                Err("there is no <VTKFile> in the file: it is no VTK XML file".into())
+            }
             None if outline.pieces.is_empty() => {
                 Err("there is no <Piece> in the file, so no mesh".into())
             }

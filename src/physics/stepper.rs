@@ -197,7 +197,7 @@ impl<S: Scheme> Stepper<S> {
         Ok(self.prepared.insert(prepared))
     }
 
-    pub(super) fn record_steps(
+    fn record_steps(
         &mut self,
         work: &mut Recorder,
         body: &mut Body,
@@ -376,12 +376,7 @@ impl Core {
         })
     }
 
-    pub(super) fn force_pass(
-        &self,
-        body: &Body,
-        positions: &Array,
-        velocities: &Array,
-    ) -> Result<Pass> {
+    fn force_pass(&self, body: &Body, positions: &Array, velocities: &Array) -> Result<Pass> {
         let units = &body.units;
         let gravity = (body.gravity() / units.acceleration()).as_vec3();
         let params = ForceParams {

@@ -1,4 +1,11 @@
 //! Reading and writing meshes. Tests in `data` read the real files in `../shared/data`.
 #![allow(clippy::unwrap_used)]
 
+mod cells;
 mod data;
+mod encode;
+mod errors;
+mod robust;
+mod sample;
+mod variants;
+mod write;
