@@ -3,6 +3,9 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod bar;
+mod bodies;
 mod common;
 mod derivatives;
+mod failures;
+mod invariance;
 mod steps;

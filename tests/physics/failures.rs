@@ -1,0 +1,153 @@
+//! Failures are found on the GPU, freeze the last good state, and are told with what to change.
+
+use super::common::{Twins, solver};
+use glam::DVec3;
+use palpate::Error;
+use palpate::gpu::Gpu;
+use palpate::mesh::generate;
+use palpate::physics::{Body, ConjugateGradients, ImplicitEuler, Material, Solver, SolverKind};
+
+fn what(error: &Error) -> &str {
+    match error {
+        Error::Solver { what, .. } => what,
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn numbers_that_are_not_finite_freeze_the_state_before() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::paper_bar().unwrap();
+    for kind in SolverKind::ALL {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+            body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
+            let mut stepper = solver(&gpu, &body, kind);
+            stepper.run(&mut body, 5, 1e-3).unwrap();
+            let good = body.positions().unwrap();
+            // One node of the caller's force array goes wrong; thirty steps in one submit.
+            let mut forces = vec![[0.0f32; 4]; mesh.nodes.len()];
+            forces[17][1] = bad;
+            gpu.write_array(body.force_array(), &forces).unwrap();
+            let mut work = gpu.record();
+            stepper.record(&mut work, &mut body, 30, 1e-3).unwrap();
+            work.submit().unwrap();
+            let error = stepper.poll(&body).unwrap_err();
+            assert!(what(&error).contains("finite"), "{kind}: {error}");
+            assert!(
+                error.to_string().contains("failed at step 6 (t = 0.005"),
+                "{error}"
+            );
+            assert_eq!(body.positions().unwrap(), good, "{kind}");
+            // Set right, it goes on.
+            body.set_forces(&vec![DVec3::ZERO; mesh.nodes.len()])
+                .unwrap();
+            let progress = stepper.run(&mut body, 5, 1e-3).unwrap();
+            assert_eq!(progress.steps, 10, "{kind}");
+        }
+    }
+}
+
+#[test]
+fn a_state_that_is_not_finite_is_told_at_once() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::paper_bar().unwrap();
+    let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+    let mut positions: Vec<[f32; 4]> = gpu.read_array(body.nodes().array()).unwrap();
+    positions[3][2] = f32::NAN;
+    gpu.write_array(body.nodes().array(), &positions).unwrap();
+    let error = solver(&gpu, &body, SolverKind::Implicit)
+        .run(&mut body, 3, 0.01)
+        .unwrap_err();
+    assert!(error.to_string().contains("failed at step 1"), "{error}");
+}
+
+#[test]
+fn runaway_energy_is_stopped_long_before_infinity() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::bar_of_about(1000, DVec3::new(0.3, 0.1, 0.1)).unwrap();
+    for kind in [
+        SolverKind::Explicit,
+        SolverKind::Symplectic,
+        SolverKind::Verlet,
+        SolverKind::VelocityVerlet,
+    ] {
+        let mut twins = Twins::new(&gpu, &mesh, &Material::young(1e6));
+        twins.disturb(1e-4, 0.0, 5);
+        let before = twins.truth.elastic_energy();
+        let mut stepper = solver(&gpu, &twins.body, kind);
+        let error = stepper.run(&mut twins.body, 500, 2e-3).unwrap_err();
+        assert!(what(&error).contains("energy"), "{kind}: {error}");
+        twins.take_over();
+        let after = twins.truth.elastic_energy() + twins.truth.kinetic_energy();
+        assert!(after < 40.0 * before, "{kind}: {after} J after {before} J");
+        let text = error.to_string();
+        assert_eq!(
+            text.contains("never stable"),
+            kind == SolverKind::Explicit,
+            "{text}"
+        );
+    }
+}
+
+/// Falling gives a body any amount of energy: that is no failure, nor is a hard throw.
+#[test]
+fn falling_and_flying_are_no_failures() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::paper_bar().unwrap();
+    for kind in SolverKind::ALL {
+        let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+        body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
+        body.set_velocities(&vec![DVec3::new(20.0, 0.0, 5.0); mesh.nodes.len()])
+            .unwrap();
+        let (steps, h) = if kind == SolverKind::Implicit {
+            (200, 0.01)
+        } else {
+            (2000, 1e-4)
+        };
+        let mut stepper = solver(&gpu, &body, kind);
+        let time = stepper.run(&mut body, steps, h).unwrap().time;
+        let x = body.positions().unwrap();
+        let fallen = x[0] - mesh.nodes[0];
+        let expected = DVec3::new(20.0 * time, 0.0, 5.0 * time - 0.5 * 9.81 * time * time);
+        // Euler's schemes fall h/2 too far or too short in every step.
+        let slack = 9.81 * time * h + 2e-3 * expected.length();
+        assert!(
+            fallen.distance(expected) < slack,
+            "{kind}: {fallen} for {expected}"
+        );
+    }
+}
+
+#[test]
+fn gradients_that_do_not_converge_are_told() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::bar_of_about(1000, DVec3::new(0.3, 0.1, 0.1)).unwrap();
+    let mut twins = Twins::new(&gpu, &mesh, &Material::young(1e7));
+    twins.disturb(0.01, 0.0, 6);
+    let settings = ConjugateGradients {
+        tolerance: 1e-5,
+        acceptable: 1e-4,
+        max_iterations: 5,
+    };
+    let mut implicit = ImplicitEuler::with(&gpu, &twins.body, settings).unwrap();
+    let good = twins.body.positions().unwrap();
+    let error = implicit.run(&mut twins.body, 10, 0.01).unwrap_err();
+    assert!(what(&error).contains("in 5 iterations"), "{error}");
+    assert_eq!(twins.body.positions().unwrap(), good);
+    // What is acceptable is taken.
+    let settings = ConjugateGradients {
+        acceptable: 0.9,
+        ..settings
+    };
+    let mut implicit = ImplicitEuler::with(&gpu, &twins.body, settings).unwrap();
+    let progress = implicit.run(&mut twins.body, 10, 0.01).unwrap();
+    assert_eq!((progress.steps, progress.last.iterations), (10, 5));
+    assert!(progress.last.residual > 1e-5 && progress.last.residual < 0.9);
+    // Settings that make no sense are refused.
+    let settings = ConjugateGradients {
+        tolerance: 0.0,
+        ..settings
+    };
+    assert!(ImplicitEuler::with(&gpu, &twins.body, settings).is_err());
+}
