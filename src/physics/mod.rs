@@ -21,6 +21,8 @@ mod solver;
 mod stability;
 mod stepper;
 mod symplectic_euler;
+#[cfg(test)]
+mod twin_tests;
 mod units;
 mod velocity_verlet;
 mod verlet;

@@ -197,7 +197,7 @@ impl<S: Scheme> Stepper<S> {
         Ok(self.prepared.insert(prepared))
     }
 
-    fn record_steps(
+    pub(super) fn record_steps(
         &mut self,
         work: &mut Recorder,
         body: &mut Body,
@@ -376,7 +376,12 @@ impl Core {
         })
     }
 
-    fn force_pass(&self, body: &Body, positions: &Array, velocities: &Array) -> Result<Pass> {
+    pub(super) fn force_pass(
+        &self,
+        body: &Body,
+        positions: &Array,
+        velocities: &Array,
+    ) -> Result<Pass> {
         let units = &body.units;
         let gravity = (body.gravity() / units.acceleration()).as_vec3();
         let params = ForceParams {

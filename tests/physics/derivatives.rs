@@ -38,7 +38,7 @@ fn force_is_minus_the_gradient_of_energy() {
     let forces = p.forces();
     let step = 1e-7;
     let mut measured = vec![DVec3::ZERO; p.x.len()];
-    for i in 0..p.x.len() {
+    for (i, measured) in measured.iter_mut().enumerate() {
         for axis in 0..3 {
             let x = p.x[i];
             p.x[i][axis] = x[axis] + step;
@@ -46,7 +46,7 @@ fn force_is_minus_the_gradient_of_energy() {
             p.x[i][axis] = x[axis] - step;
             let less = p.elastic_energy();
             p.x[i] = x;
-            measured[i][axis] = -(more - less) / (2.0 * step);
+            measured[axis] = -(more - less) / (2.0 * step);
         }
     }
     assert!(relative(&forces, &measured) < 1e-6);

@@ -166,7 +166,7 @@ impl Anatomy {
         for (centre, radii) in CARPALS {
             anatomy.bones.push(Bone {
                 shape: BoneShape::Round { centre, radii },
-                cortex: 0.0020,
+                cortex: 0.0030,
             });
         }
         for digit in &DIGITS {
@@ -245,7 +245,7 @@ impl Anatomy {
             };
             self.bones.push(Bone {
                 shape: BoneShape::Long(bone),
-                cortex: 0.0020,
+                cortex: 0.65 * shaft,
             });
             if n > 0 {
                 self.joints.push((ends[0], 0.0078));

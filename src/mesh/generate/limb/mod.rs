@@ -32,7 +32,7 @@ pub const TISSUES: [Tissue; 7] = [
     tissue(4, "tendon", 100.0),
     tissue(5, "cartilage", 170.0),
     tissue(6, "cortical bone", 1200.0),
-    tissue(7, "marrow", 200.0),
+    tissue(7, "marrow", 300.0),
 ];
 
 const fn tissue(label: u8, name: &'static str, intensity: f64) -> Tissue {
