@@ -198,12 +198,12 @@ impl Anatomy {
         let radius = [dvec3(-0.03, 0.0125, 0.002), dvec3(0.1315, 0.0085, 0.000)];
         let ulna = [dvec3(-0.03, -0.0130, -0.002), dvec3(0.1330, -0.0162, 0.002)];
         for (ends, shaft, heads) in [
-            (radius, 0.0078, [0.0085, 0.0118]),
-            (ulna, 0.0072, [0.0095, 0.0078]),
+            (radius, 0.0074, [0.0080, 0.0115]),
+            (ulna, 0.0068, [0.0088, 0.0074]),
         ] {
             self.bones.push(Bone {
                 shape: BoneShape::Long(LongBone { ends, shaft, heads }),
-                cortex: 0.0028,
+                cortex: 0.0024,
             });
         }
     }
