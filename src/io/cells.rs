@@ -48,6 +48,12 @@ impl Cells {
         self.ends.push(self.nodes.len());
     }
 
+    /// Kind and nodes of cell `cell`, if there is one.
+    pub fn get(&self, cell: usize) -> Option<(u8, &[u32])> {
+        let start = cell.checked_sub(1).map_or(0, |before| self.ends[before]);
+        Some((*self.kinds.get(cell)?, &self.nodes[start..self.ends[cell]]))
+    }
+
     fn iter(&self) -> impl Iterator<Item = (u8, &[u32])> {
         let mut start = 0;
         self.kinds.iter().zip(&self.ends).map(move |(kind, end)| {
@@ -182,10 +188,14 @@ fn kind(kind: u8) -> (&'static str, Fate) {
         22 | 34 | 61 | 69 | 76 => ("curved triangle", Drop),
         23 | 28 | 30 | 62 | 70 | 77 => ("curved quadrilateral", Drop),
         36 | 63 => ("curved polygon", Drop),
-        24 | 64 | 71 | 78 => ("second-order tetrahedron", Cut(&TETRAHEDRON)),
-        25 | 29 | 33 | 67 | 72 | 79 => ("second-order hexahedron", Cut(&HEXAHEDRON)),
-        26 | 31 | 32 | 65 | 73 | 80 => ("second-order wedge", Cut(&WEDGE)),
-        27 | 37 | 66 | 74 | 81 => ("second-order pyramid", Cut(&PYRAMID)),
+        24 => ("second-order tetrahedron", Cut(&TETRAHEDRON)),
+        64 | 71 | 78 => ("higher-order tetrahedron", Cut(&TETRAHEDRON)),
+        67 | 72 | 79 => ("higher-order hexahedron", Cut(&HEXAHEDRON)),
+        25 | 29 | 33 => ("second-order hexahedron", Cut(&HEXAHEDRON)),
+        65 | 73 | 80 => ("higher-order wedge", Cut(&WEDGE)),
+        26 | 31 | 32 => ("second-order wedge", Cut(&WEDGE)),
+        66 | 74 | 81 => ("higher-order pyramid", Cut(&PYRAMID)),
+        27 | 37 => ("second-order pyramid", Cut(&PYRAMID)),
         41 => ("convex point set", Hole),
         42 => ("polyhedron", Hole),
         _ => ("cell of unknown kind", Hole),
@@ -419,7 +429,7 @@ impl Census {
             (&self.cut, "cut into tetrahedra"),
             (
                 &self.higher_order,
-                "of second or higher order: corners kept, the other nodes dropped",
+                "keep their corners only; their other nodes are dropped",
             ),
             (&self.dropped, "dropped: not volumetric"),
             (

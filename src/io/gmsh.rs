@@ -25,7 +25,8 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
             "MeshFormat" => file.version = at.mesh_format()?,
             "Entities" => file.entities(&mut at)?,
             "Nodes" if file.version >= 4 => file.nodes_4(&mut at)?,
-            "Nodes" => file.nodes_2(&mut at)?,
+            "Nodes" => file.nodes_2(&mut at, false)?,
+            "ParametricNodes" => file.nodes_2(&mut at, true)?,
             "Elements" if file.version >= 4 => file.elements_4(&mut at)?,
             "Elements" => file.elements_2(&mut at)?,
             "NodeData" => file
@@ -98,19 +99,30 @@ impl File {
         Ok(())
     }
 
+    /// Adds a node. A node may come again if it says the same: Gmsh repeats the mesh before
+    /// each view that it appends to a file.
     fn node(&mut self, at: &Source, tag: u64, position: DVec3) -> Parse<()> {
         if self.nodes.push(tag) {
             self.mesh.nodes.push(position);
-            return Ok(());
+        } else if self.nodes.get(tag).map(|i| self.mesh.nodes[i]) != Some(position) {
+            return Err(at.error(format_args!("node {tag} comes twice, in different places")));
         }
-        Err(at.error(format_args!("node {tag} comes twice")))
+        Ok(())
     }
 
-    fn nodes_2(&mut self, at: &mut Source) -> Parse<()> {
+    fn nodes_2(&mut self, at: &mut Source, parametric: bool) -> Parse<()> {
         let count = at.ascii_count(format_args!("the number of nodes"), 8)?;
         for i in 0..count {
             let tag = at.int(format_args!("the tag of node {i} of {count}"))?;
             let position = position(at, tag as u64)?;
+            if parametric {
+                let dimension = at.int(format_args!("the dimension of node {tag}'s entity"))?;
+                at.int(format_args!("the entity of node {tag}"))?;
+                // Points and volumes have no parameters.
+                for _ in 0..if dimension < 3 { dimension } else { 0 } {
+                    at.double(format_args!("a parameter of node {tag}"))?;
+                }
+            }
             self.node(at, tag as u64, position)?;
         }
         Ok(())
@@ -121,11 +133,13 @@ impl File {
         let total = at.count(format_args!("the number of nodes"), 8)?;
         at.size(format_args!("the smallest node tag"))?;
         at.size(format_args!("the largest node tag"))?;
+        let mut found = 0;
         for _ in 0..blocks {
             let dimension = at.int(format_args!("a node block's dimension"))?;
             at.int(format_args!("a node block's entity"))?;
             let parametric = at.int(format_args!("a node block's parametric flag"))?;
             let count = at.count(format_args!("the number of nodes of a block"), 8)?;
+            found += count;
             let mut tags = Vec::with_capacity(count);
             for i in 0..count {
                 tags.push(at.size(format_args!("the tag of node {i} of {count} of a block"))?);
@@ -142,7 +156,6 @@ impl File {
                 self.node(at, tag, position)?;
             }
         }
-        let found = self.mesh.nodes.len();
         if found != total {
             return Err(at.error(format_args!(
                 "$Nodes announces {total} nodes, but its blocks hold {found}"
@@ -158,21 +171,18 @@ impl File {
         })
     }
 
+    /// Reads the nodes of an element and adds it; like a node it may come again as it was.
     fn element(
         &mut self,
         at: &mut Source,
         tag: u64,
-        kind: u8,
-        width: usize,
-        wide: bool,
+        (kind, width): (u8, usize),
+        [physical, geometrical]: [i32; 2],
     ) -> Parse<()> {
-        if !self.elements.push(tag) {
-            return Err(at.error(format_args!("element {tag} comes twice")));
-        }
         let mut corners = [0; MOST_NODES];
         for (i, corner) in corners[..width].iter_mut().enumerate() {
             let what = format_args!("node {i} of element {tag}");
-            let node = if wide {
+            let node = if self.version >= 4 {
                 at.size(what)?
             } else {
                 at.int(what)? as u64
@@ -183,7 +193,26 @@ impl File {
                 ))
             })?;
         }
-        self.mesh.cells.push(kind, corners[..width].iter().copied());
+        let corners = &corners[..width];
+        if self.elements.push(tag) {
+            self.mesh.cells.push(kind, corners.iter().copied());
+            self.physical.push(f64::from(physical));
+            self.geometrical.push(f64::from(geometrical));
+            return Ok(());
+        }
+        let known = self.elements.get(tag).and_then(|i| self.mesh.cells.get(i));
+        let same = known.is_some_and(|(k, nodes)| {
+            k == kind
+                && nodes
+                    .iter()
+                    .map(|v| *v as usize)
+                    .eq(corners.iter().copied())
+        });
+        if !same {
+            return Err(at.error(format_args!(
+                "element {tag} comes twice, with different nodes"
+            )));
+        }
         Ok(())
     }
 
@@ -204,7 +233,7 @@ impl File {
                 let tags = at.int(format_args!("the number of tags of a group of elements"))?;
                 (None, number, group, tags)
             };
-            let (kind, width) = Self::element_type(at, number)?;
+            let shape = Self::element_type(at, number)?;
             let group = usize::try_from(group)
                 .ok()
                 .filter(|g| (1..=count - read).contains(g))
@@ -225,9 +254,7 @@ impl File {
                         *slot = value;
                     }
                 }
-                self.physical.push(f64::from(groups[0]));
-                self.geometrical.push(f64::from(groups[1]));
-                self.element(at, tag as u64, kind, width, false)?;
+                self.element(at, tag as u64, shape, groups)?;
                 read += 1;
             }
         }
@@ -240,21 +267,20 @@ impl File {
         let total = at.count(format_args!("the number of elements"), 4)?;
         at.size(format_args!("the smallest element tag"))?;
         at.size(format_args!("the largest element tag"))?;
+        let mut found = 0;
         for _ in 0..blocks {
             let dimension = at.int(format_args!("an element block's dimension"))?;
             let entity = at.int(format_args!("an element block's entity"))?;
             let number = at.int(format_args!("an element block's type"))?;
             let count = at.count(format_args!("the number of elements of a block"), 4)?;
-            let (kind, width) = Self::element_type(at, number)?;
+            found += count;
+            let shape = Self::element_type(at, number)?;
             let group = self.groups.get(&(dimension, entity)).copied().unwrap_or(0);
             for i in 0..count {
                 let tag = at.size(format_args!("the tag of element {i} of {count} of a block"))?;
-                self.element(at, tag, kind, width, true)?;
-                self.physical.push(f64::from(group));
-                self.geometrical.push(f64::from(entity));
+                self.element(at, tag, shape, [group, entity])?;
             }
         }
-        let found = self.mesh.cells.len();
         if found != total {
             return Err(at.error(format_args!(
                 "$Elements announces {total} elements, but its blocks hold {found}"
@@ -288,6 +314,7 @@ impl File {
             }
         }
         let (node_needed, cell_needed) = self.mesh.volumetric();
+        // A view's data may come before the mesh it is for, so it waits until now.
         for (location, section) in self.data {
             let (tags, needed) = match location {
                 Location::Node => (&self.nodes, &node_needed),

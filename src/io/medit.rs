@@ -61,6 +61,13 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
             read_vertices(&mut at, &mut mesh, &mut node_refs)?;
         } else if let Some((_, kind, width)) = SECTIONS.iter().find(|s| s.0 == keyword) {
             read_cells(&mut at, &keyword, *kind, *width, &mut mesh, &mut cell_refs)?;
+        } else if ["tetrahedra", "hexahedra", "prisms", "pyramids"]
+            .iter()
+            .any(|solid| keyword.starts_with(solid))
+        {
+            return Err(at.error(format_args!(
+                "cells of the section {keyword} are not read; linear ones, TetrahedraP2 and HexahedraQ2 are"
+            )));
         } else if is_keyword(token) {
             pass_over(&mut at);
         } else {

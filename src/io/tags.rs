@@ -1,6 +1,7 @@
 //! From the numbers that a file gives its nodes or cells to indices.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 /// From the tags that a file gives its nodes or elements to indices.
 #[derive(Default)]
@@ -24,8 +25,11 @@ impl Tags {
                 .collect();
         }
         let in_sequence = self.index.is_empty() && self.first.checked_add(self.count) == Some(tag);
-        if !in_sequence && self.index.insert(tag, self.count as u32).is_some() {
-            return false;
+        if !in_sequence {
+            match self.index.entry(tag) {
+                Entry::Occupied(_) => return false,
+                Entry::Vacant(place) => place.insert(self.count as u32),
+            };
         }
         self.count += 1;
         true

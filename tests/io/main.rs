@@ -5,6 +5,7 @@ mod cells;
 mod data;
 mod encode;
 mod errors;
+mod gmsh;
 mod robust;
 mod sample;
 mod variants;
