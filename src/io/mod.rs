@@ -5,6 +5,7 @@
 //! trouble is; no count in a file sizes anything before it is held against the file's length.
 
 mod atomic;
+mod cell_kinds;
 mod cells;
 mod cursor;
 mod gmsh;
@@ -16,6 +17,7 @@ mod scalar;
 mod tags;
 mod tetgen;
 mod vtk_legacy;
+mod vtk_legacy_data;
 mod vtu;
 mod vtu_data;
 mod vtu_write;
@@ -44,9 +46,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
         tetgen::read(path)?
     } else {
         let bytes = content(path)?;
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
-        format_of(bytes, &extension)
-            .and_then(|reader| reader(bytes))
+        format_of(&bytes, &extension)
+            .and_then(|reader| reader(&bytes))
             .map_err(|e| Error::format(path, e))?
     };
     raw.into_tets().map_err(|e| Error::format(path, e))
@@ -114,7 +115,10 @@ fn extension(path: &Path) -> String {
     extension.to_string_lossy().to_ascii_lowercase()
 }
 
-/// The bytes of a file that is one, and is not empty.
+/// What Windows programs put before UTF-8 text.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// The bytes of a file that is one, and is not empty; without a byte order mark.
 fn content(path: &Path) -> Result<Vec<u8>> {
     let about = std::fs::metadata(path).map_err(Error::io(path))?;
     if about.is_dir() {
@@ -123,7 +127,10 @@ fn content(path: &Path) -> Result<Vec<u8>> {
     if !about.is_file() {
         return Err(Error::format(path, "this is not a regular file"));
     }
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let mut bytes = std::fs::read(path).map_err(Error::io(path))?;
+    if bytes.starts_with(BYTE_ORDER_MARK) {
+        bytes.drain(..BYTE_ORDER_MARK.len());
+    }
     if bytes.trim_ascii().is_empty() {
         return Err(Error::format(path, "the file is empty"));
     }

@@ -90,7 +90,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field
     let ends: Vec<u8> = (1..=mesh.tets.len() as u64)
         .flat_map(|t| (4 * t).to_le_bytes())
         .collect();
-    let kinds = vec![super::cells::TET; mesh.tets.len()];
+    let kinds = vec![super::cell_kinds::TET; mesh.tets.len()];
     head += "<Points>\n";
     array(
         &mut head,

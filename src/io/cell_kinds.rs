@@ -1,0 +1,139 @@
+//! The kinds of cells there are, by VTK's numbers: their names, corners and faces.
+
+/// VTK's number of a linear tetrahedron.
+pub(super) const TET: u8 = 10;
+
+/// VTK's number of the last linear cell with volume.
+pub(super) const HEXAGONAL_PRISM_KIND: u8 = 16;
+
+/// VTK's number of a polyhedron, whose list in legacy files holds faces rather than nodes.
+pub(super) const POLYHEDRON: u8 = 42;
+
+/// A kind of cell with corners and flat faces that can be cut into tets.
+pub(super) struct Solid {
+    pub corners: usize,
+    pub faces: &'static [&'static [usize]],
+}
+
+// Faces are listed counter-clockwise seen from outside, for cells ordered as gmsh and Medit
+// order them.
+const HEXAHEDRON: Solid = Solid {
+    corners: 8,
+    faces: &[
+        &[0, 3, 2, 1],
+        &[4, 5, 6, 7],
+        &[0, 1, 5, 4],
+        &[1, 2, 6, 5],
+        &[2, 3, 7, 6],
+        &[3, 0, 4, 7],
+    ],
+};
+const VOXEL: Solid = Solid {
+    corners: 8,
+    faces: &[
+        &[0, 2, 3, 1],
+        &[4, 5, 7, 6],
+        &[0, 1, 5, 4],
+        &[1, 3, 7, 5],
+        &[3, 2, 6, 7],
+        &[2, 0, 4, 6],
+    ],
+};
+pub(super) const WEDGE: Solid = Solid {
+    corners: 6,
+    faces: &[
+        &[0, 2, 1],
+        &[3, 4, 5],
+        &[0, 1, 4, 3],
+        &[1, 2, 5, 4],
+        &[2, 0, 3, 5],
+    ],
+};
+const PYRAMID: Solid = Solid {
+    corners: 5,
+    faces: &[
+        &[0, 3, 2, 1],
+        &[0, 1, 4],
+        &[1, 2, 4],
+        &[2, 3, 4],
+        &[3, 0, 4],
+    ],
+};
+const PENTAGONAL_PRISM: Solid = Solid {
+    corners: 10,
+    faces: &[
+        &[4, 3, 2, 1, 0],
+        &[5, 6, 7, 8, 9],
+        &[0, 1, 6, 5],
+        &[1, 2, 7, 6],
+        &[2, 3, 8, 7],
+        &[3, 4, 9, 8],
+        &[4, 0, 5, 9],
+    ],
+};
+const HEXAGONAL_PRISM: Solid = Solid {
+    corners: 12,
+    faces: &[
+        &[5, 4, 3, 2, 1, 0],
+        &[6, 7, 8, 9, 10, 11],
+        &[0, 1, 7, 6],
+        &[1, 2, 8, 7],
+        &[2, 3, 9, 8],
+        &[3, 4, 10, 9],
+        &[4, 5, 11, 10],
+        &[5, 0, 6, 11],
+    ],
+};
+const TETRAHEDRON: Solid = Solid {
+    corners: 4,
+    faces: &[&[1, 2, 3], &[0, 3, 2], &[0, 1, 3], &[0, 2, 1]],
+};
+
+/// What becomes of a kind of cell.
+pub(super) enum Fate {
+    /// Cut into tets (by its corners; nodes beyond them are dropped).
+    Cut(&'static Solid),
+    /// Not volumetric: dropped and named.
+    Drop,
+    /// Volumetric, but there is no way here to cut it: dropped, named, and warned of.
+    Hole,
+}
+
+/// Name (singular) and fate of the cells that VTK numbers `kind`.
+pub(super) fn kind(kind: u8) -> (&'static str, Fate) {
+    use Fate::{Cut, Drop, Hole};
+    match kind {
+        0 => ("empty cell", Drop),
+        1 => ("vertex", Drop),
+        2 => ("vertex group", Drop),
+        3 => ("line", Drop),
+        4 => ("polyline", Drop),
+        5 => ("triangle", Drop),
+        6 => ("triangle strip", Drop),
+        7 => ("polygon", Drop),
+        8 => ("pixel", Drop),
+        9 => ("quadrilateral", Drop),
+        10 => ("tetrahedron", Cut(&TETRAHEDRON)),
+        11 => ("voxel", Cut(&VOXEL)),
+        12 => ("hexahedron", Cut(&HEXAHEDRON)),
+        13 => ("wedge", Cut(&WEDGE)),
+        14 => ("pyramid", Cut(&PYRAMID)),
+        15 => ("pentagonal prism", Cut(&PENTAGONAL_PRISM)),
+        16 => ("hexagonal prism", Cut(&HEXAGONAL_PRISM)),
+        21 | 35 | 60 | 68 | 75 => ("curved line", Drop),
+        22 | 34 | 61 | 69 | 76 => ("curved triangle", Drop),
+        23 | 28 | 30 | 62 | 70 | 77 => ("curved quadrilateral", Drop),
+        36 | 63 => ("curved polygon", Drop),
+        24 => ("second-order tetrahedron", Cut(&TETRAHEDRON)),
+        64 | 71 | 78 => ("higher-order tetrahedron", Cut(&TETRAHEDRON)),
+        67 | 72 | 79 => ("higher-order hexahedron", Cut(&HEXAHEDRON)),
+        25 | 29 | 33 => ("second-order hexahedron", Cut(&HEXAHEDRON)),
+        65 | 73 | 80 => ("higher-order wedge", Cut(&WEDGE)),
+        26 | 31 | 32 => ("second-order wedge", Cut(&WEDGE)),
+        66 | 74 | 81 => ("higher-order pyramid", Cut(&PYRAMID)),
+        27 | 37 => ("second-order pyramid", Cut(&PYRAMID)),
+        41 => ("convex point set", Hole),
+        42 => ("polyhedron", Hole),
+        _ => ("cell of unknown kind", Hole),
+    }
+}
