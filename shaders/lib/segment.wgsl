@@ -16,7 +16,7 @@ override TABLE: u32 = 0u;
 const OCTAVE_BITS: u32 = 2u;
 const FIRST_OCTAVE: i32 = -5;
 // Volume: segments longer than params.reach, the depth of its last layer, are looked up in pieces.
-const MOST_PIECES: f32 = 256.0;
+const MOST_PIECES: f32 = 65536.0;
 
 // A ray this opaque is not followed further.
 const OPAQUE: f32 = 0.9995;
@@ -35,7 +35,7 @@ fn segment(s0: f32, s1: f32, depth: f32) -> vec4<f32> {
     let layer = clamp(depth / (pieces * params.reach), 0.0, 1.0) * f32(params.layers - 1u);
     let below = i32(min(layer, f32(params.layers) - 2.0));
     var sum = vec4(0.0);
-    for (var i = 0.0; i < pieces; i += 1.0) {
+    for (var i = 0.0; i < pieces && sum.a < OPAQUE; i += 1.0) {
         let s = mix(vec2(s0), vec2(s1), vec2(i, i + 1.0) / pieces);
         let shorter = textureSampleLevel(table, smooth_sampler, s, below, 0.0);
         let longer = textureSampleLevel(table, smooth_sampler, s, below + 1, 0.0);

@@ -34,6 +34,8 @@ struct View {
     // Of the table: its layers, and the depth of the last one in the paper's form.
     layers: u32,
     reach: f32,
+    // Size of a pixel in clip space (of w 1).
+    pixel: vec2<f32>,
 }
 
 fn to_camera(view: View, p: vec3<f32>) -> vec3<f32> {
@@ -52,10 +54,7 @@ fn z_of_depth(view: View, depth: f32) -> f32 {
     return (depth * view.depth.w - view.depth.y) / select(below, -1e-30, abs(below) < 1e-30);
 }
 
-fn slope_at(view: View, pixel: vec2<f32>) -> vec2<f32> {
-    return view.slope.xy * pixel + view.slope.zw;
-}
-
-fn origin_at(view: View, pixel: vec2<f32>) -> vec2<f32> {
-    return view.base.xy * pixel + view.base.zw;
+// The depth of a point at z.
+fn depth_of_z(view: View, z: f32) -> f32 {
+    return (view.depth.x * z + view.depth.y) / (view.depth.z * z + view.depth.w);
 }

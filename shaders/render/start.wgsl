@@ -1,14 +1,24 @@
 // One peeled layer: for each pixel, the nearest boundary face behind the layer before, in the
 // order (depth, face), which neither loses nor doubles touching or coincident faces.
+//
+// A rasteriser moves vertices onto a grid of, usually, 256ths of a pixel: at a silhouette it may
+// miss a face that the walk finds its way out by, and so lose what lies behind. Faces are
+// therefore drawn a little larger, and each fragment decides by the walk's own sign tests.
 
 #import lib/array
 #import lib/view
 #import lib/tet
+#import lib/sight
 
 // The first layer has none before it.
 override FIRST: bool = false;
-// A pixel this opaque needs no further layers; above 1 to peel them all.
+// Faces that show their back, instead of those that show their front.
+override BACK: bool = false;
+// A pixel this opaque needs no further layers.
 override ENOUGH: f32 = 0.9995;
+// By how much faces are enlarged, and at most at a sharp corner, in pixels.
+const MARGIN: f32 = 0.02;
+const MOST_MARGIN: f32 = 0.5;
 
 @group(0) @binding(0) var projected: texture_2d<f32>;
 // Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face; sorted by that.
@@ -23,8 +33,28 @@ override ENOUGH: f32 = 0.9995;
 
 struct Corner {
     @invariant @builtin(position) position: vec4<f32>,
-    @location(0) @interpolate(flat) code: u32,
-    @location(1) @interpolate(flat) layer: u32,
+    // The face's nodes, their ids and its code, the same at its three corners.
+    @location(0) @interpolate(flat) a: vec3<f32>,
+    @location(1) @interpolate(flat) b: vec3<f32>,
+    @location(2) @interpolate(flat) c: vec3<f32>,
+    @location(3) @interpolate(flat) ids: vec4<u32>,
+    @location(4) @interpolate(flat) layer: u32,
+}
+
+// A point of clip space in pixels.
+fn in_pixels(p: vec4<f32>) -> vec2<f32> {
+    return p.xy / (p.w * params.pixel);
+}
+
+// Where corner p goes, between corners q and r of a counter-clockwise triangle, for its edges to
+// move outwards by the margin.
+fn pushed(p: vec2<f32>, q: vec2<f32>, r: vec2<f32>) -> vec2<f32> {
+    let to = q - p;
+    let from_ = p - r;
+    let n = vec2(to.y, -to.x) * inverseSqrt(max(dot(to, to), 1e-20));
+    let m = vec2(from_.y, -from_.x) * inverseSqrt(max(dot(from_, from_), 1e-20));
+    let push = (n + m) * (MARGIN / max(1.0 + dot(n, m), 1e-6));
+    return push * min(1.0, MOST_MARGIN * inverseSqrt(max(dot(push, push), 1e-20)));
 }
 
 @vertex
@@ -32,26 +62,77 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
     // Layer k draws vertices k n .. (k + 1) n of an n-vertex boundary, and so learns k.
     let layer = index / params.corners;
     let corner = index - layer * params.corners;
-    let face = textureLoad(boundary, at(corner / 3u), 0);
-    let q = textureLoad(projected, at(face[corner % 3u]), 0);
-    return Corner(to_clip(params, q.xyz), face.w, layer);
+    var face = textureLoad(boundary, at(corner / 3u), 0);
+    if BACK {
+        // Counter-clockwise as seen from inside.
+        face = face.xzyw;
+    }
+    let q = array(
+        textureLoad(projected, at(face.x), 0).xyz,
+        textureLoad(projected, at(face.y), 0).xyz,
+        textureLoad(projected, at(face.z), 0).xyz,
+    );
+    let k = corner % 3u;
+    var p = array(to_clip(params, q[0]), to_clip(params, q[1]), to_clip(params, q[2]));
+    var position = p[k];
+    // The clipper deals with faces that reach behind the eye.
+    if min(p[0].w, min(p[1].w, p[2].w)) > 0.0 {
+        let s = array(in_pixels(p[0]), in_pixels(p[1]), in_pixels(p[2]));
+        let u = s[1] - s[0];
+        let v = s[2] - s[0];
+        let area = u.x * v.y - u.y * v.x;
+        if area < -MARGIN * (abs(u.x) + abs(u.y) + abs(v.x) + abs(v.y)) {
+            // Clearly turned away: out of sight.
+            position = vec4(0.0, 0.0, 2.0, 1.0);
+        } else {
+            let push = pushed(s[k], s[(k + 1u) % 3u], s[(k + 2u) % 3u]);
+            position = vec4(position.xy + push * params.pixel * position.w, position.zw);
+        }
+    }
+    return Corner(position, q[0], q[1], q[2], face, layer);
+}
+
+// Whether the ray passes on the inner side of the edge from a to b; of two faces that share an
+// edge exactly one says so of a ray that meets it.
+fn inside(w: f32, from_: u32, to: u32) -> bool {
+    return w > 0.0 || (w == 0.0 && from_ < to);
+}
+
+struct Start {
+    // Depth bits and 4 tet + face.
+    @location(0) key: vec2<u32>,
+    @builtin(frag_depth) depth: f32,
 }
 
 @fragment
-fn fragment(corner: Corner) -> @location(0) vec2<u32> {
-    let z = corner.position.z;
+fn fragment(corner: Corner) -> Start {
+    let sight = sight_at(params, corner.position.xy);
+    let a = off_ray(corner.a, sight);
+    let b = off_ray(corner.b, sight);
+    let c = off_ray(corner.c, sight);
+    let w = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
+    let sum = w.x + w.y + w.z;
+    let ids = corner.ids;
+    if !(inside(w.x, ids.y, ids.z) && inside(w.y, ids.z, ids.x) && inside(w.z, ids.x, ids.y)) || !(sum > 0.0) {
+        discard;
+    }
+    let z = dot(w, vec3(corner.a.z, corner.b.z, corner.c.z)) / sum;
+    let depth = clamp(depth_of_z(params, z), 0.0, 1.0);
+    if z < params.near {
+        discard;
+    }
     if !FIRST {
         let pixel = vec2<u32>(corner.position.xy);
         let last = textureLoad(before, pixel, 0).xy;
-        let last_z = bitcast<f32>(last.x);
-        let behind = z < last_z || (z == last_z && corner.code > last.y);
+        let last_depth = bitcast<f32>(last.x);
+        let behind = depth < last_depth || (depth == last_depth && ids.w > last.y);
         // Where the layer before found nothing, this one finds nothing.
-        if last.y == NONE || !behind || textureLoad(gathered, pixel, 0).a > ENOUGH {
+        if last.y == NONE || ids.w == last.y || !behind || textureLoad(gathered, pixel, 0).a > ENOUGH {
             discard;
         }
         let slot = (corner.layer >> 1u) * 8u;
         atomicStore(&arguments[slot + 1u], 1u);
         atomicStore(&arguments[slot + 5u], 1u);
     }
-    return vec2(bitcast<u32>(z), corner.code);
+    return Start(vec2(bitcast<u32>(depth), ids.w), depth);
 }

@@ -8,6 +8,7 @@
 #import lib/view
 #import lib/tet
 #import lib/segment
+#import lib/sight
 
 override BACKWARDS: bool = false;
 override OCCLUDED: bool = false;
@@ -29,6 +30,9 @@ override OCCLUDED: bool = false;
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
     return fullscreen(index);
 }
+
+// A walk that ends farther than this outside the tet it was in last, in local units, is lost.
+const STRAY: f32 = 1e-3;
 
 // A ray in the local frame: point(z) = foot + z run.
 struct Ray {
@@ -78,6 +82,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var mark = NONE;
     var steps = 0u;
     var dead = false;
+    var last = code >> 2u;
     loop {
         let t = here >> 2u;
         if here == NONE || t == mark || steps >= params.cap || is_opaque(sum) {
@@ -88,6 +93,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             mark = t;
         }
         steps += 1u;
+        last = t;
         let k = vec3(here + 1u, here + 2u, here + 3u) & vec3(3u);
         let p0 = plane(t, k.x);
         let p1 = plane(t, k.y);
@@ -139,7 +145,17 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         s = next_s;
         z = next_z;
     }
-    return Walked(sum, !dead && (here == NONE || is_opaque(sum)));
+    if is_opaque(sum) {
+        return Walked(sum, true);
+    }
+    // It must have come out at a point of the tet it was in last.
+    let end = ray.foot + z * ray.run;
+    var outside = 0.0;
+    for (var k = 0u; k < 4u; k++) {
+        let p = plane(last, k);
+        outside = max(outside, dot(p.xyz, end) - p.w);
+    }
+    return Walked(sum, !dead && here == NONE && outside < STRAY);
 }
 
 // Walks again along slightly other rays when a ray ends nowhere, as one may that lies exactly in a
@@ -174,8 +190,9 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     if MODE == STATISTICS && starting {
         sum.g = 1.0;
     }
-    let slope = slope_at(params, position.xy);
-    let origin = origin_at(params, position.xy) - vec2(params.right.w, params.up.w);
+    let sight = sight_at(params, position.xy);
+    let slope = sight.slope;
+    let origin = sight.origin - vec2(params.right.w, params.up.w);
     let length = sqrt(1.0 + dot(slope, slope));
     var ray: Ray;
     ray.foot = origin.x * params.right.xyz + origin.y * params.up.xyz - params.forward.w * params.forward.xyz;

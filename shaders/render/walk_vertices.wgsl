@@ -10,6 +10,7 @@
 #import lib/view
 #import lib/tet
 #import lib/segment
+#import lib/sight
 
 // Towards the eye, from back faces in front of an eye that is inside the mesh.
 override BACKWARDS: bool = false;
@@ -41,16 +42,6 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
     return fullscreen(index);
 }
 
-// A ray as the walk sees it.
-struct Sight {
-    slope: vec2<f32>,
-    origin: vec2<f32>,
-    // What a step in z is worth in the unit of the mode.
-    scale: f32,
-    // z at which it ends.
-    end: f32,
-}
-
 struct Walked {
     sum: vec4<f32>,
     found: bool,
@@ -59,15 +50,19 @@ struct Walked {
 // Node i as seen along the ray: (x, y) off the ray, z, scalar.
 fn seen(i: u32, sight: Sight) -> vec4<f32> {
     let q = textureLoad(projected, at(i), 0);
-    return vec4(q.xy - sight.origin - sight.slope * q.z, q.z, q.w);
+    return vec4(off_ray(q.xyz, sight), q.zw);
 }
 
-fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {
-    return a.x * b.y - a.y * b.x;
+// What bounds a walk besides the mesh.
+struct Span {
+    // What a step in z is worth in the unit of the mode.
+    scale: f32,
+    // z at which the ray ends.
+    end: f32,
 }
 
 // Walks from boundary face `code` = 4 tet + face, until the mesh or the ray ends.
-fn walk(code: u32, sight: Sight, before: vec4<f32>) -> Walked {
+fn walk(code: u32, sight: Sight, span: Span, before: vec4<f32>) -> Walked {
     var sum = before;
     var t = code >> 2u;
     let nodes = textureLoad(tets, at(t), 0);
@@ -90,7 +85,6 @@ fn walk(code: u32, sight: Sight, before: vec4<f32>) -> Walked {
     var last = t;
     var mark = NONE;
     var steps = 0u;
-    var broken = false;
     loop {
         if t == NONE || t == mark || steps >= params.cap || is_opaque(sum) {
             break;
@@ -133,20 +127,20 @@ fn walk(code: u32, sight: Sight, before: vec4<f32>) -> Walked {
             if next_z < params.near {
                 next_s = mix(s, next_s, clamp((z - params.near) / (z - next_z), 0.0, 1.0));
                 next_z = min(z, params.near);
-                sum = gather_in_front(sum, next_s, s, (z - next_z) * sight.scale);
+                sum = gather_in_front(sum, next_s, s, (z - next_z) * span.scale);
                 return Walked(sum, true);
             }
-            sum = gather_in_front(sum, next_s, s, (z - next_z) * sight.scale);
+            sum = gather_in_front(sum, next_s, s, (z - next_z) * span.scale);
         } else {
             next_z = clamp(next_z, z, max(z, max(a.z, max(b.z, c.z))));
-            if OCCLUDED && next_z > sight.end {
-                let share_seen = clamp((sight.end - z) / (next_z - z), 0.0, 1.0);
+            if OCCLUDED && next_z > span.end {
+                let share_seen = clamp((span.end - z) / (next_z - z), 0.0, 1.0);
                 next_s = mix(s, next_s, share_seen);
-                next_z = max(z, sight.end);
-                sum = gather(sum, s, next_s, (next_z - z) * sight.scale);
+                next_z = max(z, span.end);
+                sum = gather(sum, s, next_s, (next_z - z) * span.scale);
                 return Walked(sum, true);
             }
-            sum = gather(sum, s, next_s, (next_z - z) * sight.scale);
+            sum = gather(sum, s, next_s, (next_z - z) * span.scale);
         }
         s = next_s;
         z = next_z;
@@ -164,11 +158,11 @@ fn walk(code: u32, sight: Sight, before: vec4<f32>) -> Walked {
 
 // Walks again along slightly other rays when a ray runs in circles, as one may that lies exactly
 // in an edge; counts it as lost when they do as well.
-fn walk_safely(code: u32, sight: Sight, before: vec4<f32>) -> vec4<f32> {
+fn walk_safely(code: u32, sight: Sight, span: Span, before: vec4<f32>) -> vec4<f32> {
     var along = sight;
     var walked = Walked(before, false);
     for (var attempt = 0u; attempt < 4u && !walked.found; attempt++) {
-        walked = walk(code, along, before);
+        walked = walk(code, along, span, before);
         along.origin += vec2(1.7e-6, -1.1e-6);
     }
     if !walked.found {
@@ -194,18 +188,17 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     if MODE == STATISTICS && starting {
         sum.g = 1.0;
     }
-    var sight: Sight;
-    sight.slope = slope_at(params, position.xy);
-    sight.origin = origin_at(params, position.xy);
+    let sight = sight_at(params, position.xy);
+    var span: Span;
     let length = sqrt(1.0 + dot(sight.slope, sight.slope));
-    sight.scale = length * select(params.unit, params.opacity, MODE == COMPOSITE);
-    sight.end = 3e38;
+    span.scale = length * select(params.unit, params.opacity, MODE == COMPOSITE);
+    span.end = 3e38;
     if OCCLUDED {
-        sight.end = z_of_depth(params, textureLoad(occluder, pixel, 0));
-        starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < sight.end);
+        span.end = z_of_depth(params, textureLoad(occluder, pixel, 0));
+        starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < span.end);
     }
     if starting {
-        sum = walk_safely(start.y, sight, sum);
+        sum = walk_safely(start.y, sight, span, sum);
     }
     return sum;
 }

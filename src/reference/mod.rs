@@ -3,5 +3,7 @@
 mod ray_integral;
 pub mod springs;
 pub mod steppers;
+mod tet_geometry;
 
 pub use ray_integral::{RayReference, Segment, segment_integral};
+pub use tet_geometry::{tet_gradient, tet_planes};

@@ -38,6 +38,8 @@ pub struct Geometry {
     pub(super) tets: Array,
     pub(super) links: Array,
     pub(super) boundary: Array,
+    /// The same on the CPU.
+    pub(super) boundary_faces: Vec<[u32; 4]>,
     pub(super) records: Array,
     /// The nodes in camera space, made anew for each picture.
     pub(super) projected: Array,
@@ -68,6 +70,7 @@ impl Geometry {
         let order = morton_order(mesh);
         let tets: Vec<[u32; 4]> = order.iter().map(|t| mesh.tets[*t as usize]).collect();
         let neighbours = reordered(&topology.neighbours, &order);
+        let boundary_faces = boundary(&tets, &neighbours);
         let range = scalar_range(scalars);
         let share = |s: &f64| ((s - range.0) / (range.1 - range.0)) as f32;
         let shares: Vec<f32> = scalars.iter().map(share).collect();
@@ -103,7 +106,8 @@ impl Geometry {
             positions: positions.clone(),
             scalars,
             links: gpu.array_of("links", Texel::U32x2, &links(&tets, &neighbours))?,
-            boundary: gpu.array_of("boundary", Texel::U32x4, &boundary(&tets, &neighbours))?,
+            boundary: gpu.array_of("boundary", Texel::U32x4, &boundary_faces)?,
+            boundary_faces,
             tets: nodes,
             projected: gpu.array("projected nodes", Texel::F32x4, mesh.nodes.len())?,
             records,

@@ -8,7 +8,9 @@ mod image;
 mod peel;
 mod presets;
 mod raycaster;
+mod surface;
 mod table;
+mod tiles;
 mod transfer;
 mod view;
 
@@ -16,5 +18,6 @@ pub use camera::{Camera, Projection, Ray};
 pub use geometry::{Geometry, local_positions};
 pub use image::{Background, BitDepth, Image};
 pub use raycaster::{Mode, RaycastOptions, RaycastReport, Raycaster, Target, Walk};
+pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
 pub use table::TableForm;
 pub use transfer::{ResolvedTransfer, TransferFunction};

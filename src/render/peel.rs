@@ -74,9 +74,10 @@ impl Peel {
         let outside = [corners, 0, 0, 0, 3, 0, 0, 0];
         let inside = gpu.buffer_of("inside", &outside)?;
         let fresh_inside = gpu.buffer_of("inside, fresh", &outside)?;
-        let start = |first: bool, cull: wgpu::Face, writes: usize| {
+        let start = |first: bool, back: bool, writes: usize| {
             gpu.draw("render/start")
                 .constant("FIRST", f64::from(u8::from(first)))
+                .constant("BACK", f64::from(u8::from(back)))
                 .read(&geometry.projected)
                 .read(&geometry.boundary)
                 .read(&keys[1 - writes])
@@ -85,10 +86,6 @@ impl Peel {
                 .params(view)
                 .target(KEY, None)
                 .depth(DEPTH, wgpu::CompareFunction::Greater, true)
-                .primitive(wgpu::PrimitiveState {
-                    cull_mode: Some(cull),
-                    ..Default::default()
-                })
                 .prepare()
         };
         Ok(Peel {
@@ -103,12 +100,9 @@ impl Peel {
                 .write(&inside)
                 .params(view)
                 .over(view.nodes)?,
-            start_back: start(true, wgpu::Face::Front, 0)?,
-            start_first: start(true, wgpu::Face::Back, 0)?,
-            start_next: [
-                start(false, wgpu::Face::Back, 0)?,
-                start(false, wgpu::Face::Back, 1)?,
-            ],
+            start_back: start(true, true, 0)?,
+            start_first: start(true, false, 0)?,
+            start_next: [start(false, false, 0)?, start(false, false, 1)?],
             clear: gpu
                 .draw("render/clear")
                 .target(KEY, None)

@@ -10,9 +10,10 @@ use super::geometry::Geometry;
 use super::image::Image;
 use super::peel::{Peel, SUM, Walks, attachment};
 use super::table::{Table, TableForm, Wanted};
+use super::tiles::{check_size, draw_in_tiles};
 use super::view::{LocalView, View, Window};
 use super::{Camera, ResolvedTransfer, TransferFunction};
-use crate::gpu::{Draw, Gpu, Recorder};
+use crate::gpu::{Draw, Gpu, Recorder, Texel};
 use crate::{Error, Result};
 use std::collections::HashMap;
 
@@ -115,9 +116,6 @@ pub struct RaycastReport {
     pub inverted: u32,
 }
 
-/// Pictures larger than this are drawn in tiles, so that memory and the time of a submit stay
-/// bounded.
-const TILE: u32 = 1024;
 /// A walk is given up after this many tets beyond those there are.
 const CAP_SLACK: u32 = 16;
 
@@ -292,6 +290,48 @@ impl Raycaster {
         })
     }
 
+    /// What the table gives for `segments` (scalar in front, scalar behind, length; file units):
+    /// colour premultiplied by opacity, and opacity. To be held against
+    /// [`segment_integral`](crate::reference::segment_integral). Waits and reads back.
+    ///
+    /// # Errors
+    /// When the device cannot hold them.
+    pub fn look_up(&mut self, segments: &[[f64; 3]]) -> Result<Vec<[f32; 4]>> {
+        let (low, high) = self.geometry.range;
+        let share = |s: f64| ((s - low) / (high - low)) as f32;
+        let scale = self.geometry.frame.scale;
+        let given: Vec<[f32; 4]> = segments
+            .iter()
+            .map(|[front, back, d]| [share(*front), share(*back), (d / scale) as f32, 0.0])
+            .collect();
+        let given = self.gpu.array_of("segments", Texel::F32x4, &given)?;
+        let found = self.gpu.array("looked up", Texel::F32x4, segments.len())?;
+        let view = View {
+            scalar: self.table.scalar(),
+            opacity: self.table.opacity,
+            nodes: given.len(),
+            layers: self.table.layers,
+            reach: self.table.reach,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let volume = self.options.table == TableForm::Volume;
+        let pass = self
+            .gpu
+            .pass("render/look_up")
+            .constant("TABLE", f64::from(u8::from(volume)))
+            .read(&given)
+            .read(&self.table.view)
+            .read(&self.sampler)
+            .write(&found)
+            .params(&view)
+            .over(given.len())?;
+        let mut work = self.gpu.record();
+        self.table.record(&mut work);
+        pass.record(&mut work);
+        work.submit()?;
+        self.gpu.read_array(&found)
+    }
+
     fn check_layers(&self, found: u32) -> Result<()> {
         if found > self.options.layers {
             return Err(Error::Input(format!(
@@ -309,53 +349,22 @@ impl Raycaster {
         size: [u32; 2],
         gathered: Gathered,
     ) -> Result<(Vec<[f32; 4]>, u32)> {
-        check_size(size)?;
-        let tile = size.map(|n| n.min(TILE));
-        let texture = self.gpu.device().create_texture(&wgpu::TextureDescriptor {
-            label: Some("picture"),
-            size: wgpu::Extent3d {
-                width: tile[0],
-                height: tile[1],
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: SUM,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
-        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let mut pixels = vec![[0.0; 4]; size[0] as usize * size[1] as usize];
+        let gpu = self.gpu.clone();
         let mut layers = 0;
-        for y in (0..size[1]).step_by(tile[1] as usize) {
-            for x in (0..size[0]).step_by(tile[0] as usize) {
-                let window = Window {
-                    picture: size,
-                    corner: [x, y],
-                    size: tile,
-                };
-                let target = Target {
-                    colour: &view,
-                    occluder: None,
-                    background: Some([0.0; 4]),
-                };
-                let mut work = self.gpu.record();
-                self.record_window(&mut work, camera, gathered, &target, window)?;
-                work.submit()?;
-                let drawn: Vec<[f32; 4]> = self.gpu.read_texture(&texture)?;
-                let width = tile[0].min(size[0] - x) as usize;
-                for (row, line) in drawn.chunks_exact(tile[0] as usize).enumerate() {
-                    let to = (y as usize + row) * size[0] as usize + x as usize;
-                    if let Some(to) = pixels.get_mut(to..to + width) {
-                        to.copy_from_slice(&line[..width]);
-                    }
-                }
-                if let Some(frame) = &self.frame {
-                    layers = layers.max(frame.peel.layers_found(&self.gpu)?);
-                }
+        let pixels = draw_in_tiles(&gpu, size, |colour, window| {
+            let target = Target {
+                colour,
+                occluder: None,
+                background: Some([0.0; 4]),
+            };
+            let mut work = gpu.record();
+            self.record_window(&mut work, camera, gathered, &target, window)?;
+            work.submit()?;
+            if let Some(frame) = &self.frame {
+                layers = layers.max(frame.peel.layers_found(&gpu)?);
             }
-        }
+            Ok(())
+        })?;
         Ok((pixels, layers))
     }
 
@@ -535,14 +544,4 @@ fn make_table(
             accuracy: options.accuracy,
         },
     )
-}
-
-fn check_size(size: [u32; 2]) -> Result<()> {
-    if size.iter().any(|n| !(1..=65_536).contains(n)) {
-        return Err(Error::Input(format!(
-            "a picture of {} x {} pixels; each side must be from 1 to 65536",
-            size[0], size[1]
-        )));
-    }
-    Ok(())
 }

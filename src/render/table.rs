@@ -55,12 +55,14 @@ const OCTAVE_BITS: u32 = 2;
 const FIRST_OCTAVE: i32 = -5;
 /// Octaves at most: WebGPU's 256 layers hold 64, and depths beyond 2¹⁹ are opaque.
 const MOST_OCTAVES: u32 = 24;
-/// A deformed segment may be this much longer than the longest edge before the last layer.
-const STRETCH: f64 = 4.0;
+/// Slices reach to segments this long, in local units: longer than any body stays.
+const LONGEST: f64 = 4.0;
 /// Sizes of the table along each scalar.
 const SIZES: [u32; 4] = [64, 128, 256, 512];
-/// Layers of the volume.
-const VOLUME_LAYERS: [u32; 3] = [32, 64, 128];
+/// Layers of the volume, and the depth of the last at most: a layer a sixteenth, so that
+/// interpolation between them misses little.
+const VOLUME_LAYERS: u32 = 129;
+const VOLUME_REACH: f64 = 8.0;
 
 /// A table on the GPU, and the passes that fill it.
 pub(super) struct Table {
@@ -106,13 +108,12 @@ impl Table {
             )));
         }
         let size = pieces.table_size(opacity, wanted.accuracy);
-        let depth = opacity * wanted.longest;
         let (layers, reach) = match wanted.form {
-            TableForm::Sliced => (slices(depth * STRETCH), 1.0),
-            TableForm::Volume => {
-                let deep = [4.0, 16.0].iter().filter(|d| depth > **d).count();
-                (VOLUME_LAYERS[deep], depth.max(1e-6) as f32)
-            }
+            TableForm::Sliced => (slices(opacity * LONGEST), 1.0),
+            TableForm::Volume => (
+                VOLUME_LAYERS,
+                (opacity * wanted.longest).clamp(1e-6, VOLUME_REACH) as f32,
+            ),
         };
         let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
             label: Some("pre-integrated table"),

@@ -127,3 +127,85 @@ pub fn keep(image: &Image, name: &str) {
             .unwrap();
     }
 }
+
+/// A repeatable stream of numbers from 0 to 1.
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Random {
+        Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1)
+    }
+
+    pub fn unit(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    pub fn direction(&mut self) -> DVec3 {
+        loop {
+            let v = DVec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0;
+            if v.length() > 0.1 && v.length() < 1.0 {
+                return v.normalize();
+            }
+        }
+    }
+}
+
+/// Every mesh of the table in `../shared/data/README.md`.
+pub const SHARED_MESHES: [&str; 10] = [
+    "tet/bullet_boot.vtk",
+    "tet/bullet_ditto.vtk",
+    "tet/chaste_ellipsoid_15811.node",
+    "tet/gaia_liver.mesh",
+    "tet/polyfem_cubes_v22.msh",
+    "tet/polyfem_41_binary.msh",
+    "tet/polyfem_Armadillo13K.msh",
+    "tet/gaia_alligator.vtk",
+    "scalar/disk_out_ref_tets.vtu",
+    "scalar/chaste_heart_decimation.vtu",
+];
+
+/// A smooth bend and swell of the mesh, as strong as leaves every tet the right way out.
+pub fn bent(mesh: &TetMesh) -> Vec<DVec3> {
+    let (low, high) = mesh.bounds();
+    let (middle, unit) = (0.5 * (low + high), (high - low).max_element());
+    let mut amount = 0.25;
+    for _ in 0..12 {
+        let moved: Vec<DVec3> = mesh
+            .nodes
+            .iter()
+            .map(|p| {
+                let u = (*p - middle) / unit;
+                let lift = DVec3::new(
+                    (3.0 * u.y).sin() + 0.3 * u.z,
+                    (2.0 * u.z + 0.5).sin(),
+                    u.x * u.x + 0.4 * u.y,
+                );
+                *p + amount * unit * lift
+            })
+            .collect();
+        let upright =
+            |t: &[u32; 4]| palpate::mesh::signed_volume(t.map(|v| moved[v as usize])) > 0.0;
+        if mesh.tets.iter().all(upright) {
+            return moved;
+        }
+        amount *= 0.6;
+    }
+    panic!("no bend leaves every tet the right way out");
+}
+
+/// The intensities of the limb phantom.
+pub fn limb_scalars(mesh: &TetMesh) -> Vec<f64> {
+    let field = mesh
+        .fields
+        .iter()
+        .find(|f| f.location == Location::Node && f.components == 1)
+        .unwrap();
+    field.values.clone()
+}

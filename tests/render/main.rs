@@ -1,6 +1,13 @@
-//! The raycaster against float64 truth, on the software adapter.
+//! The raycaster against float64 truth, on the software adapter. Reads `../shared/data`.
 #![allow(clippy::unwrap_used)]
 
 #[allow(dead_code)]
 mod common;
+mod geometry;
+mod golden;
+mod inside;
+mod peeling;
 mod pictures;
+mod surface;
+mod table;
+mod thickness;

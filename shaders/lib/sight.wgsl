@@ -1,0 +1,22 @@
+// What a point looks like along a ray: its distance from the ray, sideways and upwards. The ray is
+// the origin of a plane, and signed areas there tell on which side of an edge it passes. Starts
+// and walks use the same arithmetic, so that they agree about every face. Needs lib/view.
+
+// A ray as the walk sees it.
+struct Sight {
+    slope: vec2<f32>,
+    origin: vec2<f32>,
+}
+
+fn sight_at(view: View, pixel: vec2<f32>) -> Sight {
+    return Sight(view.slope.xy * pixel + view.slope.zw, view.base.xy * pixel + view.base.zw);
+}
+
+// A point of camera space as seen along the ray.
+fn off_ray(q: vec3<f32>, sight: Sight) -> vec2<f32> {
+    return q.xy - sight.origin - sight.slope * q.z;
+}
+
+fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {
+    return a.x * b.y - a.y * b.x;
+}

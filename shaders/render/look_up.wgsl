@@ -1,0 +1,25 @@
+// What the table gives for a list of segments: the walks' own look-up, to be held against the
+// exact integral.
+
+#import lib/array
+#import lib/view
+#import lib/segment
+
+// Each segment: scalars (0 to 1 over the field's range) at front and back, length in local units.
+@group(0) @binding(0) var segments: texture_2d<f32>;
+@group(0) @binding(1) var table: texture_2d_array<f32>;
+@group(0) @binding(2) var smooth_sampler: sampler;
+@group(0) @binding(3) var found: texture_storage_2d<rgba32float, write>;
+// `nodes` is the number of segments.
+@group(0) @binding(4) var<uniform> params: View;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.nodes {
+        return;
+    }
+    let given = textureLoad(segments, at(i), 0);
+    let s = params.scalar.x * given.xy + params.scalar.y;
+    textureStore(found, at(i), segment(s.x, s.y, given.z * params.opacity));
+}

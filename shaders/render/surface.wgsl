@@ -1,0 +1,55 @@
+// The lit boundary of the mesh, drawn from where its nodes are now; both sides are lit.
+
+#import lib/array
+#import lib/view
+
+// Normals of nodes, or of faces.
+override SMOOTH: bool = true;
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var boundary: texture_2d<u32>;
+@group(0) @binding(2) var normals: texture_2d<f32>;
+@group(0) @binding(3) var colours: texture_2d<f32>;
+@group(0) @binding(4) var<uniform> params: View;
+
+struct Corner {
+    @builtin(position) position: vec4<f32>,
+    // In camera space: where, and which way is out.
+    @location(0) place: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) colour: vec3<f32>,
+}
+
+fn turned(v: vec3<f32>) -> vec3<f32> {
+    return vec3(dot(params.right.xyz, v), dot(params.up.xyz, v), dot(params.forward.xyz, v));
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> Corner {
+    let face = textureLoad(boundary, at(index / 3u), 0);
+    let node = face[index % 3u];
+    let p = textureLoad(positions, at(node), 0).xyz;
+    var normal = textureLoad(normals, at(node), 0).xyz;
+    if !SMOOTH {
+        let a = textureLoad(positions, at(face.x), 0).xyz;
+        let b = textureLoad(positions, at(face.y), 0).xyz;
+        let c = textureLoad(positions, at(face.z), 0).xyz;
+        normal = cross(b - a, c - a);
+        normal *= inverseSqrt(max(dot(normal, normal), 1e-37));
+    }
+    let q = to_camera(params, p);
+    return Corner(to_clip(params, q), q, turned(normal), textureLoad(colours, at(node), 0).rgb);
+}
+
+@fragment
+fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
+    // Towards the eye: the eye lies at z = -depth.w in camera space, or far back if orthographic.
+    let eye = vec3(0.0, 0.0, -params.depth.w);
+    let view = normalize(select(vec3(0.0, 0.0, -1.0), eye - corner.place, params.depth.z > 0.0));
+    let normal = normalize(corner.normal) * select(-1.0, 1.0, front);
+    // A key light from above the viewer's left shoulder, and a weak one from the eye.
+    let key = normalize(vec3(-0.45, 0.65, -0.65));
+    let light = 0.18 + 0.62 * max(dot(normal, key), 0.0) + 0.2 * max(dot(normal, view), 0.0);
+    let shine = 0.12 * pow(max(dot(normal, normalize(key + view)), 0.0), 40.0);
+    return vec4(min(corner.colour * light + shine, vec3(1.0)), 1.0);
+}

@@ -1,0 +1,48 @@
+//! Normals and gradients of tets: the twin of `shaders/render/refresh_geometry.wgsl`.
+
+use crate::mesh::FACES;
+use glam::DVec3;
+
+/// The planes of a tet's faces: (outward unit normal n, n · v) for a positively oriented tet.
+pub fn tet_planes(v: [DVec3; 4]) -> [(DVec3, f64); 4] {
+    FACES.map(|[a, b, c]| {
+        let normal = (v[b] - v[a]).cross(v[c] - v[a]).normalize_or_zero();
+        (normal, normal.dot(v[a]))
+    })
+}
+
+/// The gradient of the linear function that takes the values `s` at the corners `v`.
+///
+/// g = Σ (s_i − s_0) ∇λ_i, ∇λ_1 = (e_2 × e_3) / det and so on, with e_i = v_i − v_0; what the paper
+/// writes with the face normals.
+pub fn tet_gradient(v: [DVec3; 4], s: [f64; 4]) -> DVec3 {
+    let e = [1, 2, 3].map(|i| v[i] - v[0]);
+    let det = e[0].dot(e[1].cross(e[2]));
+    let rise = (s[1] - s[0]) * e[1].cross(e[2])
+        + (s[2] - s[0]) * e[2].cross(e[0])
+        + (s[3] - s[0]) * e[0].cross(e[1]);
+    rise / det
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gradient_is_that_of_the_linear_function() {
+        let v = [
+            DVec3::new(0.1, 0.2, 0.3),
+            DVec3::new(1.1, 0.1, 0.2),
+            DVec3::new(0.3, 1.4, 0.1),
+            DVec3::new(0.2, 0.3, 0.9),
+        ];
+        let g = DVec3::new(0.7, -2.0, 0.4);
+        let got = tet_gradient(v, v.map(|p| g.dot(p) + 5.0));
+        assert!((got - g).length() < 1e-12);
+        for (i, (normal, offset)) in tet_planes(v).into_iter().enumerate() {
+            assert!(normal.dot(v[i]) < offset, "face {i} looks inwards");
+            let on_it = FACES[i].map(|k| (normal.dot(v[k]) - offset).abs());
+            assert!(on_it.into_iter().fold(0.0, f64::max) < 1e-12);
+        }
+    }
+}

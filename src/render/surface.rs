@@ -1,0 +1,283 @@
+//! The lit boundary of a mesh, where its nodes are now.
+
+use super::geometry::Geometry;
+use super::image::Image;
+use super::peel::attachment;
+use super::tiles::draw_in_tiles;
+use super::view::{LocalView, View, Window};
+use super::{Camera, TransferFunction};
+use crate::Result;
+use crate::gpu::{Array, Draw, Gpu, Pass, Recorder, Texel};
+use std::collections::HashMap;
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Normals {
+            pub nodes: u32,
+        }
+    }
+}
+
+/// Which normals a surface is lit by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Shading {
+    /// Normals of the nodes, interpolated.
+    #[default]
+    Smooth,
+    /// Normals of the faces.
+    Flat,
+}
+
+/// What colours a surface.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SurfaceColour {
+    /// One colour: red, green, blue.
+    Plain([f32; 3]),
+    /// The transfer function's colour of each node's scalar.
+    Field(TransferFunction),
+}
+
+/// Where a surface is drawn.
+pub struct SurfaceTarget<'a> {
+    /// The colour attachment; its texture's size is the picture's.
+    pub colour: &'a wgpu::TextureView,
+    /// A `Depth32Float` attachment of the same size, in the depths of
+    /// [`Raycaster::clip_from_file`](super::Raycaster::clip_from_file): nearer is larger.
+    pub depth: &'a wgpu::TextureView,
+    /// Replaces what was in both; without it they are drawn over.
+    pub background: Option<[f32; 4]>,
+}
+
+/// Draws the boundary of a [`Geometry`].
+pub struct Surface {
+    gpu: Gpu,
+    frame: crate::mesh::LocalFrame,
+    corners: u32,
+    nodes: u32,
+    positions: Array,
+    boundary: Array,
+    normals: Array,
+    colours: Array,
+    shading: Shading,
+    refresh: Pass,
+    draws: HashMap<wgpu::TextureFormat, Draw>,
+}
+
+const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// Pictures in memory are drawn so many times larger each way, and averaged.
+const SAMPLES: u32 = 2;
+
+impl Surface {
+    /// Prepares to draw the boundary of `geometry`, whose nodes have the given `scalars`.
+    ///
+    /// # Errors
+    /// When the device cannot hold what it needs.
+    pub fn new(
+        gpu: &Gpu,
+        geometry: &Geometry,
+        scalars: &[f64],
+        colour: &SurfaceColour,
+        shading: Shading,
+    ) -> Result<Surface> {
+        let nodes = geometry.projected.len();
+        let (firsts, around) = faces_around(&geometry.boundary_faces, nodes as usize);
+        let firsts = gpu.array_of("first faces", Texel::U32, &firsts)?;
+        let around = gpu.array_of("faces around nodes", Texel::U32, &around)?;
+        let normals = gpu.array("normals", Texel::F32x4, nodes as usize)?;
+        let refresh = gpu
+            .pass("render/surface_normals")
+            .read(&geometry.positions)
+            .read(&geometry.boundary)
+            .read(&firsts)
+            .read(&around)
+            .write(&normals)
+            .params(&gpu_data::Normals { nodes })
+            .over(nodes)?;
+        Ok(Surface {
+            gpu: gpu.clone(),
+            frame: geometry.frame,
+            corners: geometry.corners(),
+            nodes,
+            positions: geometry.positions.clone(),
+            boundary: geometry.boundary.clone(),
+            normals,
+            colours: gpu.array_of("colours", Texel::F32x4, &colours(geometry, scalars, colour))?,
+            shading,
+            refresh,
+            draws: HashMap::new(),
+        })
+    }
+
+    /// Records the drawing of the surface, at the positions of that moment.
+    ///
+    /// # Errors
+    /// For a bad camera, or when the device refuses.
+    pub fn record(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        target: &SurfaceTarget,
+    ) -> Result<()> {
+        let texture = target.colour.texture();
+        let window = Window::whole([texture.width(), texture.height()]);
+        self.record_window(work, camera, target, window)
+    }
+
+    /// The picture of `camera`, of `size` pixels, its edges smoothed. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Surface::record`].
+    pub fn image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<Image> {
+        let gpu = self.gpu.clone();
+        let fine = size.map(|n| n.saturating_mul(SAMPLES));
+        let mut depth: Option<wgpu::TextureView> = None;
+        let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
+            let depth = depth.get_or_insert_with(|| depth_target(&gpu, window.size));
+            let target = SurfaceTarget {
+                colour,
+                depth,
+                background: Some([0.0; 4]),
+            };
+            let mut work = gpu.record();
+            self.record_window(&mut work, camera, &target, window)?;
+            work.submit()
+        })?;
+        Ok(Image {
+            size,
+            channels: 4,
+            values: averaged(&pixels, size),
+        })
+    }
+
+    fn record_window(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        target: &SurfaceTarget,
+        window: Window,
+    ) -> Result<()> {
+        camera.check()?;
+        let view = View {
+            nodes: self.nodes,
+            corners: self.corners,
+            ..LocalView::new(camera, &self.frame, window).to_gpu()
+        };
+        let format = target.colour.texture().format();
+        if !self.draws.contains_key(&format) {
+            let draw = self.draw(format, &view)?;
+            self.draws.insert(format, draw);
+        }
+        self.refresh.record(work);
+        if let Some(draw) = self.draws.get(&format) {
+            draw.set_params(&self.gpu, &view);
+            let colour_load = match target.background {
+                Some(c) => {
+                    let [r, g, b, a] = c.map(f64::from);
+                    wgpu::LoadOp::Clear(wgpu::Color { r, g, b, a })
+                }
+                None => wgpu::LoadOp::Load,
+            };
+            let depth_load = match target.background {
+                Some(_) => wgpu::LoadOp::Clear(0.0),
+                None => wgpu::LoadOp::Load,
+            };
+            let depth = wgpu::RenderPassDepthStencilAttachment {
+                view: target.depth,
+                depth_ops: Some(wgpu::Operations {
+                    load: depth_load,
+                    store: wgpu::StoreOp::Store,
+                }),
+                stencil_ops: None,
+            };
+            let colour = [attachment(target.colour, colour_load)];
+            let mut pass = work.render_pass("render/surface", &colour, Some(depth));
+            draw.record(&mut pass, self.corners, 1);
+        }
+        Ok(())
+    }
+
+    fn draw(&self, format: wgpu::TextureFormat, view: &View) -> Result<Draw> {
+        let smooth = self.shading == Shading::Smooth;
+        self.gpu
+            .draw("render/surface")
+            .constant("SMOOTH", f64::from(u8::from(smooth)))
+            .read(&self.positions)
+            .read(&self.boundary)
+            .read(&self.normals)
+            .read(&self.colours)
+            .params(view)
+            .target(format, None)
+            .depth(DEPTH, wgpu::CompareFunction::Greater, true)
+            .prepare()
+    }
+}
+
+/// For each node where its boundary faces begin in the list of them, one entry more at the end;
+/// and the list.
+fn faces_around(boundary: &[[u32; 4]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut firsts = vec![0u32; nodes + 1];
+    let corners = || {
+        boundary
+            .iter()
+            .enumerate()
+            .flat_map(|(f, face)| face[..3].iter().map(move |v| (*v as usize, f as u32)))
+    };
+    corners().for_each(|(v, _)| firsts[v + 1] += 1);
+    for v in 0..nodes {
+        firsts[v + 1] += firsts[v];
+    }
+    let mut next = firsts.clone();
+    let mut around = vec![0; 3 * boundary.len()];
+    for (v, f) in corners() {
+        around[next[v] as usize] = f;
+        next[v] += 1;
+    }
+    (firsts, around)
+}
+
+fn colours(geometry: &Geometry, scalars: &[f64], colour: &SurfaceColour) -> Vec<[f32; 4]> {
+    match colour {
+        SurfaceColour::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; scalars.len()],
+        SurfaceColour::Field(transfer) => {
+            let resolved = transfer.resolved(geometry.range, geometry.frame.scale);
+            let of = |s: &f64| {
+                let [r, g, b] = resolved.colour(*s).map(|c| c as f32);
+                [r, g, b, 1.0]
+            };
+            scalars.iter().map(of).collect()
+        }
+    }
+}
+
+fn depth_target(gpu: &Gpu, size: [u32; 2]) -> wgpu::TextureView {
+    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("surface depth"),
+        size: wgpu::Extent3d {
+            width: size[0],
+            height: size[1],
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: DEPTH,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+/// Averages the samples of each pixel.
+fn averaged(fine: &[[f32; 4]], size: [u32; 2]) -> Vec<f32> {
+    let (n, width) = (SAMPLES as usize, size[0] as usize);
+    let pixel = |i: usize| {
+        let (x, y) = (i % width * n, i / width * n);
+        let mut sum = [0.0; 4];
+        for (dy, dx) in (0..n).flat_map(|dy| (0..n).map(move |dx| (dy, dx))) {
+            let sample = fine[(y + dy) * width * n + x + dx];
+            sum.iter_mut().zip(sample).for_each(|(s, v)| *s += v);
+        }
+        sum.map(|s| s / (n * n) as f32)
+    };
+    (0..width * size[1] as usize).flat_map(pixel).collect()
+}
