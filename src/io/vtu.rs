@@ -92,7 +92,11 @@ impl<'a> Outline<'a> {
                 Event::End(_) => {
                     open.pop();
                 }
-                Event::Text(text) if open.last().is_some_and(|t| t == "DataArray") => {
+                // Arrays elsewhere (in FieldData) belong to the file as a whole.
+                Event::Text(text)
+                    if open.last().is_some_and(|t| t == "DataArray")
+                        && open.iter().rev().nth(2).is_some_and(|t| t == "Piece") =>
+                {
                     if let Some(array) = outline.pieces.last_mut().and_then(|p| p.arrays.last_mut())
                         && array.text.is_empty()
                         && !text.trim_ascii().is_empty()

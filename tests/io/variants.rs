@@ -83,7 +83,7 @@ fn pieces_of_a_vtu_come_together() {
     let mesh = read(
         "a.vtu",
         &format!(
-            "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid>{}<Piece NumberOfPoints=\"0\" NumberOfCells=\"0\"><Points/></Piece>{}</UnstructuredGrid></VTKFile>",
+            "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid>{}<Piece NumberOfPoints=\"0\" NumberOfCells=\"0\"><PointData><DataArray type=\"Float64\" Name=\"x\"></DataArray></PointData><Points/></Piece><FieldData><DataArray type=\"Float64\" Name=\"TimeValue\">1.5</DataArray></FieldData>{}</UnstructuredGrid></VTKFile>",
             piece(0.5, "Int32", only_first),
             piece(-0.5, "UInt8", "")
         ),
