@@ -1,10 +1,17 @@
 //! The command line: one file a subcommand.
 
+mod compare;
+mod demo;
+mod flags;
 mod info;
+mod progress;
+mod render;
+mod simulate;
 
 use clap::{Parser, Subcommand};
 use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Press on a body and see inside it while it gives.
@@ -22,6 +29,14 @@ struct Arguments {
 enum Command {
     /// Say what is in a mesh file, and what is wrong with it
     Info(info::InfoArguments),
+    /// Draw a picture of a mesh or scene, deformed if a solver is named
+    Render(Box<render::RenderArguments>),
+    /// Draw and write every frame of a simulation, or of a series recorded before
+    Simulate(Box<simulate::SimulateArguments>),
+    /// Hold picture against picture; exit code 1 past the tolerance
+    Compare(compare::CompareArguments),
+    /// Bend the limb phantom and leave pictures, an animation and a series
+    Demo(demo::DemoArguments),
     /// List the graphics adapters, best first
     Adapters,
 }
@@ -30,6 +45,8 @@ enum Command {
 pub enum Outcome {
     /// All is well.
     Done,
+    /// The question asked has the answer no: exit code 1, without an error message.
+    No,
 }
 
 /// Parses the arguments, runs the command, and turns what happened into an exit code: 0 done,
@@ -38,6 +55,7 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     match run(&arguments) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::No) => ExitCode::FAILURE,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // Nothing is left to tell it to if standard error is closed too.
@@ -51,6 +69,10 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let adapter = arguments.adapter.as_deref();
     match &arguments.command {
         Command::Info(arguments) => info::run(arguments),
+        Command::Render(arguments) => render::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Simulate(arguments) => simulate::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Compare(arguments) => compare::run(arguments),
+        Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Adapters => adapters(adapter),
     }
 }
@@ -63,6 +85,21 @@ fn adapters(wanted: Option<&str>) -> anyhow::Result<Outcome> {
         writeln!(out, "{mark} {i}: {name}")?;
     }
     Ok(Outcome::Done)
+}
+
+/// Tells the user something beside the result, on standard error.
+fn tell(notes: &[String]) {
+    let mut err = std::io::stderr().lock();
+    for note in notes {
+        // Nothing is left to tell it to if standard error is closed.
+        let _ = writeln!(err, "palpate: {note}");
+    }
+}
+
+/// Whether `path` names a series of frames.
+fn is_series(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("pvd"))
 }
 
 /// Whether the reader of our output went away, which is its right.

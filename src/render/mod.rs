@@ -3,6 +3,7 @@
 //! Nothing here knows of physics: positions are an array on the GPU that anyone may write.
 
 mod camera;
+mod compare;
 mod geometry;
 mod image;
 mod peel;
@@ -15,6 +16,7 @@ mod transfer;
 mod view;
 
 pub use camera::{Camera, Projection, Ray};
+pub use compare::Difference;
 pub use geometry::{Geometry, local_positions};
 pub use image::{Background, BitDepth, Image};
 pub use raycaster::{Mode, RaycastOptions, RaycastReport, Raycaster, Target, Walk};

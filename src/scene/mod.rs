@@ -28,9 +28,17 @@
 //! size = [1024, 768]
 //! ```
 
+mod measure;
+mod motion;
 mod region;
+mod source;
+mod stage;
 
+pub use measure::{CgReport, StageReport};
+pub use motion::Motion;
 pub use region::{Axis, Region};
+pub use source::Seen;
+pub use stage::Stage;
 
 use crate::{Error, Result};
 use serde::Deserialize;
@@ -69,7 +77,7 @@ pub struct Scene {
 pub struct MeshSource {
     /// A mesh file, beside the scene file unless absolute.
     pub file: Option<PathBuf>,
-    /// A generator's name, instead of a file.
+    /// A generator's name, instead of a file; see [`crate::mesh::generate::GENERATORS`].
     pub generate: Option<String>,
     /// About how many tets the generator makes.
     pub tets: Option<usize>,
@@ -181,7 +189,7 @@ pub struct CameraEntry {
 pub struct PictureEntry {
     /// The node field that is seen; the first scalar there is, or the depth below the surface.
     pub field: Option<String>,
-    /// A preset's name or a JSON file beside the scene file.
+    /// A preset's name, a JSON file beside the scene file, or the JSON itself.
     pub transfer: Option<String>,
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
@@ -189,42 +197,12 @@ pub struct PictureEntry {
     pub mode: Option<String>,
     /// `vertices` or `planes`.
     pub walk: Option<String>,
-    /// `transparent`, `black`, `white`, or three numbers.
-    pub background: Option<Background>,
+    /// What is behind the volume in a PNG: `black`, `white` or `transparent`.
+    pub background: Option<String>,
     /// The most surface layers a ray may enter.
     pub layers: Option<u32>,
     /// Bits a channel of a PNG: 8 or 16.
     pub bits: Option<u32>,
-}
-
-/// What is behind the volume.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
-pub enum Background {
-    /// Red, green, blue in 0..1.
-    Colour([f32; 3]),
-    /// `transparent`, `black` or `white`.
-    Name(String),
-}
-
-impl Background {
-    /// The colour, or `None` for a transparent background.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for an unknown name.
-    pub fn colour(&self) -> Result<Option<[f32; 3]>> {
-        match self {
-            Background::Colour(c) => Ok(Some(*c)),
-            Background::Name(name) => match name.as_str() {
-                "transparent" => Ok(None),
-                "black" => Ok(Some([0.0; 3])),
-                "white" => Ok(Some([1.0; 3])),
-                other => Err(Error::Input(format!(
-                    "background \"{other}\" is not known; use transparent, black, white or three numbers [r, g, b]"
-                ))),
-            },
-        }
-    }
 }
 
 impl Scene {
@@ -235,8 +213,7 @@ impl Scene {
     pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-        let mut scene: Scene =
-            toml::from_str(&text).map_err(|e| Error::format(path, e.to_string()))?;
+        let mut scene = Scene::parse(&text).map_err(|e| Error::format(path, e.to_string()))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         if let Some(file) = &mut scene.mesh.file {
             *file = folder.join(&file);
@@ -247,6 +224,14 @@ impl Scene {
             *transfer = folder.join(&transfer).to_string_lossy().into_owned();
         }
         Ok(scene)
+    }
+
+    /// Parses the text of a scene; paths in it are as they stand.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with the line that is wrong.
+    pub fn parse(text: &str) -> Result<Scene> {
+        toml::from_str(text).map_err(|e| Error::Input(e.to_string()))
     }
 
     /// The scene that a mesh file alone makes: at rest, framed, everything by default.

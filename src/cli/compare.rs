@@ -1,0 +1,50 @@
+//! `palpate compare A B`: picture against picture, for regression tests of renders.
+
+use super::Outcome;
+use clap::Args;
+use palpate::render::{Difference, Image};
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Arguments of `compare`. Tolerances are in steps of an 8-bit channel, 1/255.
+#[derive(Args)]
+pub struct CompareArguments {
+    /// The first picture (PNG or EXR)
+    a: PathBuf,
+    /// The second picture, of the same size
+    b: PathBuf,
+    /// Largest root mean square difference, in 1/255
+    #[arg(long, default_value_t = 0.5)]
+    rmse: f64,
+    /// Largest 99.9th percentile of the differences, in 1/255
+    #[arg(long, default_value_t = 2.0)]
+    percentile: f64,
+    /// Write a picture of the differences, 16 times amplified
+    #[arg(long)]
+    diff: Option<PathBuf>,
+    /// Print the numbers as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Compares two pictures: exit code 0 within the tolerances, 1 past them.
+pub fn run(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
+    let a = Image::open(&arguments.a)?;
+    let b = Image::open(&arguments.b)?;
+    let difference = Difference::between(&a, &b)?;
+    if let Some(path) = &arguments.diff {
+        Difference::picture(&a, &b, 16.0)?.save(path)?;
+    }
+    let same = difference.within(arguments.rmse / 255.0, arguments.percentile / 255.0);
+    let mut out = std::io::stdout().lock();
+    if arguments.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&difference)?)?;
+    } else {
+        writeln!(
+            out,
+            "{difference}: {}",
+            if same { "same" } else { "different" }
+        )?;
+    }
+    Ok(if same { Outcome::Done } else { Outcome::No })
+}

@@ -1,0 +1,175 @@
+//! The flags every picture needs, laid over a scene's values.
+
+use clap::Args;
+use palpate::scene::{Scene, Unit};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Flags of `render` and `simulate`; each overrides what a scene file says.
+#[derive(Args, Clone, Debug, Default)]
+pub struct SceneFlags {
+    /// Node field to see; default: the first scalar, or the depth below the surface
+    #[arg(long, help_heading = "Picture")]
+    pub field: Option<String>,
+    /// Transfer function: a JSON file or a preset (an unknown name lists them)
+    #[arg(long, help_heading = "Picture")]
+    pub transfer: Option<String>,
+    /// Picture size in pixels, WIDTHxHEIGHT [default: 1024x768]
+    #[arg(long, help_heading = "Picture", value_parser = size)]
+    pub size: Option<[u32; 2]>,
+    /// composite, thickness (length inside the mesh; EXR) or surface
+    #[arg(long, help_heading = "Picture")]
+    pub mode: Option<String>,
+    /// How rays go from tet to tet: vertices or planes
+    #[arg(long, help_heading = "Picture")]
+    pub walk: Option<String>,
+    /// What is behind the volume in a PNG: black, white or transparent [default: black]
+    #[arg(long, help_heading = "Picture")]
+    pub background: Option<String>,
+    /// Most surface layers a ray may enter before that is an error
+    #[arg(long, help_heading = "Picture")]
+    pub layers: Option<u32>,
+    /// Bits a channel of a PNG: 8 or 16 [default: 8]
+    #[arg(long, help_heading = "Picture")]
+    pub bits: Option<u32>,
+
+    /// Camera position x,y,z in the mesh's units; default: the whole mesh is framed
+    #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
+    pub eye: Option<Triple>,
+    /// Point the camera looks at
+    #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
+    pub look_at: Option<Triple>,
+    /// Direction that is up in the picture
+    #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
+    pub up: Option<Triple>,
+    /// Vertical field of view in degrees
+    #[arg(long, help_heading = "Camera", conflicts_with = "orthographic")]
+    pub fov: Option<f64>,
+    /// Orthographic view of this height, in the mesh's units
+    #[arg(long, help_heading = "Camera")]
+    pub orthographic: Option<f64>,
+
+    /// explicit, symplectic, verlet, velocity-verlet or implicit; default: the mesh stays at rest
+    #[arg(long, help_heading = "Physics")]
+    pub solver: Option<String>,
+    /// Step size in seconds [default: 0.01 implicit, the largest stable step otherwise]
+    #[arg(long, help_heading = "Physics")]
+    pub dt: Option<f64>,
+    /// Steps before the picture, or between frames [default: 50 for a picture]
+    #[arg(long, help_heading = "Physics")]
+    pub steps: Option<u32>,
+    /// One stiffness κ for every spring, in N/m
+    #[arg(long, help_heading = "Physics", conflicts_with = "young")]
+    pub stiffness: Option<f64>,
+    /// Young's modulus in Pa, at a Poisson ratio of 1/4
+    #[arg(long, help_heading = "Physics")]
+    pub young: Option<f64>,
+    /// Density in kg/m³
+    #[arg(long, help_heading = "Physics")]
+    pub density: Option<f64>,
+    /// Damping κ_d of every spring, in N·s/m
+    #[arg(long, help_heading = "Physics")]
+    pub damping: Option<f64>,
+    /// What one unit of the mesh file is: m, cm, mm, um, in, or metres as a number
+    #[arg(long, help_heading = "Physics", value_parser = unit)]
+    pub unit: Option<Unit>,
+    /// Gravity x,y,z in m/s²
+    #[arg(long, help_heading = "Physics", value_parser = triple, allow_hyphen_values = true)]
+    pub gravity: Option<Triple>,
+}
+
+impl SceneFlags {
+    /// The scene that `input` (a scene file or a mesh file) and these flags make.
+    pub fn scene(&self, input: &Path) -> palpate::Result<Scene> {
+        let is_scene = input
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        let mut scene = if is_scene {
+            Scene::read(input)?
+        } else {
+            Scene::of_mesh(input)
+        };
+        let given = self.clone();
+        let put = |value: Option<[f64; 3]>, place: &mut Option<[f64; 3]>| {
+            *place = value.or(place.take());
+        };
+        put(given.eye.map(|t| t.0), &mut scene.camera.eye);
+        put(given.look_at.map(|t| t.0), &mut scene.camera.look_at);
+        put(given.up.map(|t| t.0), &mut scene.camera.up);
+        put(given.gravity.map(|t| t.0), &mut scene.solver.gravity);
+        over(given.field, &mut scene.picture.field);
+        over(given.transfer, &mut scene.picture.transfer);
+        over(given.size, &mut scene.picture.size);
+        over(given.mode, &mut scene.picture.mode);
+        over(given.walk, &mut scene.picture.walk);
+        over(given.background, &mut scene.picture.background);
+        over(given.layers, &mut scene.picture.layers);
+        over(given.bits, &mut scene.picture.bits);
+        if given.fov.is_some() {
+            scene.camera.orthographic = None;
+        }
+        over(given.fov, &mut scene.camera.fov);
+        over(given.orthographic, &mut scene.camera.orthographic);
+        over(given.solver, &mut scene.solver.name);
+        over(given.dt, &mut scene.solver.dt);
+        over(given.steps, &mut scene.solver.steps);
+        if given.young.is_some() {
+            scene.material.stiffness = None;
+        }
+        over(given.stiffness, &mut scene.material.stiffness);
+        over(given.young, &mut scene.material.young);
+        over(given.density, &mut scene.material.density);
+        over(given.damping, &mut scene.material.damping);
+        over(given.unit, &mut scene.mesh.unit);
+        Ok(scene)
+    }
+}
+
+fn over<T>(given: Option<T>, place: &mut Option<T>) {
+    if given.is_some() {
+        *place = given;
+    }
+}
+
+/// Three numbers separated by commas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triple(pub [f64; 3]);
+
+fn triple(text: &str) -> Result<Triple, String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|t| f64::from_str(t.trim()).map_err(|_| format!("\"{t}\" is not a number")))
+        .collect::<Result<_, _>>()?;
+    match <[f64; 3]>::try_from(numbers) {
+        Ok(three) if three.iter().all(|x| x.is_finite()) => Ok(Triple(three)),
+        _ => Err("three finite numbers x,y,z are expected".into()),
+    }
+}
+
+pub fn size(text: &str) -> Result<[u32; 2], String> {
+    let expected = || "WIDTHxHEIGHT in pixels is expected, 1024x768 for example".to_owned();
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(expected)?;
+    match (width.trim().parse(), height.trim().parse()) {
+        (Ok(w), Ok(h)) if w > 0 && h > 0 => Ok([w, h]),
+        _ => Err(expected()),
+    }
+}
+
+fn unit(text: &str) -> Result<Unit, String> {
+    let unit = match text.parse() {
+        Ok(metres) => Unit::Metres(metres),
+        Err(_) => Unit::Name(text.to_owned()),
+    };
+    unit.metres().map(|_| unit).map_err(|e| e.to_string())
+}
+
+/// Where a picture's report goes, and how often it is drawn.
+#[derive(Args, Clone, Debug, Default)]
+pub struct MeasureFlags {
+    /// Draw N frames after a warm-up and report the median time
+    #[arg(long, help_heading = "Measuring")]
+    pub repeat: Option<u32>,
+    /// Write what was measured as JSON
+    #[arg(long, help_heading = "Measuring")]
+    pub report: Option<PathBuf>,
+}

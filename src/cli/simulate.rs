@@ -1,0 +1,112 @@
+//! `palpate simulate`: pictures and meshes of every frame.
+
+use super::flags::SceneFlags;
+use super::{Outcome, progress};
+use clap::Args;
+use palpate::gpu::Gpu;
+use palpate::io::{self, PvdSeries};
+use palpate::scene::Stage;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `simulate`.
+#[derive(Args)]
+pub struct SimulateArguments {
+    /// A scene (.toml), a mesh with --solver, or a series of frames (.pvd) to draw again
+    input: PathBuf,
+    /// Frames after the first, which shows the body as it starts
+    #[arg(long, default_value_t = 50)]
+    frames: u32,
+    /// Folder for pictures, meshes and the .pvd that names them
+    #[arg(long, short)]
+    out: PathBuf,
+    /// Draw no pictures
+    #[arg(long, conflicts_with = "no_meshes")]
+    no_pictures: bool,
+    /// Write no meshes
+    #[arg(long)]
+    no_meshes: bool,
+    #[command(flatten)]
+    scene: SceneFlags,
+}
+
+/// Simulates, or plays a series back, and draws every frame.
+pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
+    std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
+    if super::is_series(&arguments.input) {
+        return play(gpu, arguments);
+    }
+    let scene = arguments.scene.scene(&arguments.input)?;
+    let mut stage = Stage::new(gpu, &scene)?;
+    super::tell(stage.notes());
+    if stage.motion().is_none() {
+        anyhow::bail!(
+            "nothing moves: name a solver in the scene or with --solver (implicit, for example)"
+        );
+    }
+    let steps = scene.solver.steps.unwrap_or(1);
+    let name = arguments
+        .input
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let mut series = (!arguments.no_meshes)
+        .then(|| PvdSeries::create(&arguments.out, &name))
+        .transpose()?;
+    progress::over(
+        "frames",
+        u64::from(arguments.frames),
+        |bar| -> palpate::Result<()> {
+            for frame in 0..=arguments.frames {
+                if frame > 0 {
+                    stage.run(steps, &mut |_| {})?;
+                }
+                if !arguments.no_pictures {
+                    draw(&mut stage, &arguments.out, &name, frame)?;
+                }
+                if let Some(series) = &mut series {
+                    stage.push(series)?;
+                }
+                bar.set_position(u64::from(frame));
+            }
+            Ok(())
+        },
+    )?;
+    Ok(Outcome::Done)
+}
+
+/// Draws every frame of a series, whatever made it, from its positions.
+fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
+    let frames = io::read_pvd(&arguments.input)?;
+    let Some(first) = frames.first() else {
+        anyhow::bail!("{}: the series has no frames", arguments.input.display());
+    };
+    let mut stage = Stage::new(gpu, &arguments.scene.scene(&first.file)?)?;
+    super::tell(stage.notes());
+    let name = arguments
+        .input
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    progress::over(
+        "frames",
+        frames.len() as u64,
+        |bar| -> palpate::Result<()> {
+            for (i, frame) in frames.iter().enumerate() {
+                let mesh = io::read(&frame.file)?;
+                stage.pose(&mesh.nodes)?;
+                draw(&mut stage, &arguments.out, &name, i as u32)?;
+                bar.inc(1);
+            }
+            Ok(())
+        },
+    )?;
+    Ok(Outcome::Done)
+}
+
+fn draw(stage: &mut Stage, folder: &Path, name: &str, frame: u32) -> palpate::Result<()> {
+    let extension = stage.picture_extension();
+    let path = folder.join(format!("{name}_{frame:04}.{extension}"));
+    stage.save(path)
+}

@@ -1,0 +1,129 @@
+//! Picture against picture: the comparer of regression tests and of `palpate compare`.
+
+use super::Image;
+use crate::{Error, Result};
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+
+/// How far two pictures of the same size are apart, over all channels of all pixels.
+///
+/// Values are in the pictures' own range, 0..1 for colours.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// Root mean square difference.
+    pub rmse: f64,
+    /// The difference that 99.9 % of the channel values stay within.
+    pub percentile_999: f64,
+    /// The largest difference.
+    pub max: f64,
+}
+
+impl Difference {
+    /// Compares `a` with `b`. A value that is not finite in one of them only is infinitely far
+    /// from the other's.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when their sizes differ, or they have no pixels.
+    pub fn between(a: &Image, b: &Image) -> Result<Difference> {
+        check_sizes(a, b)?;
+        let mut apart: Vec<f64> = a
+            .values
+            .iter()
+            .zip(&b.values)
+            .map(|(x, y)| distance(*x, *y))
+            .collect();
+        let rmse = (apart.iter().map(|d| d * d).sum::<f64>() / apart.len() as f64).sqrt();
+        let rank = ((apart.len() as f64 * 0.999).ceil() as usize).clamp(1, apart.len()) - 1;
+        let (_, percentile, _) = apart.select_nth_unstable_by(rank, f64::total_cmp);
+        let percentile_999 = *percentile;
+        Ok(Difference {
+            rmse,
+            percentile_999,
+            max: apart.iter().copied().fold(0.0, f64::max),
+        })
+    }
+
+    /// Whether both the root mean square and the 99.9th percentile stay within these bounds.
+    pub fn within(&self, rmse: f64, percentile_999: f64) -> bool {
+        self.rmse <= rmse && self.percentile_999 <= percentile_999
+    }
+
+    /// An opaque picture of the differences, `gain` times amplified.
+    ///
+    /// # Errors
+    /// As [`Difference::between`].
+    pub fn picture(a: &Image, b: &Image, gain: f32) -> Result<Image> {
+        check_sizes(a, b)?;
+        let apart = |i: usize| distance(a.values[i], b.values[i]) as f32;
+        let values = (0..a.values.len())
+            .step_by(a.channels)
+            .flat_map(|first| {
+                let channel = |k: usize| apart(first + k.min(a.channels - 1));
+                // Where only the opacity differs, grey shows it.
+                let opacity = if a.channels == 4 {
+                    apart(first + 3)
+                } else {
+                    0.0
+                };
+                let shown = |k: usize| (gain * channel(k).max(opacity)).min(1.0);
+                [shown(0), shown(1), shown(2), 1.0]
+            })
+            .collect();
+        Ok(Image {
+            size: a.size,
+            channels: 4,
+            values,
+        })
+    }
+}
+
+impl Image {
+    /// Reads a picture, as far as it concerns comparing: every PNG or EXR becomes red, green,
+    /// blue and opacity, as they stand in the file.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is no such picture.
+    pub fn open(path: impl AsRef<Path>) -> Result<Image> {
+        let path = path.as_ref();
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let picture = image::load_from_memory(&bytes)
+            .map_err(|e| Error::format(path, format!("no PNG or EXR picture: {e}")))?
+            .into_rgba32f();
+        Ok(Image {
+            size: [picture.width(), picture.height()],
+            channels: 4,
+            values: picture.into_raw(),
+        })
+    }
+}
+
+fn check_sizes(a: &Image, b: &Image) -> Result<()> {
+    if a.size != b.size || a.channels != b.channels || a.values.is_empty() {
+        return Err(Error::Input(format!(
+            "pictures of {} x {} pixels ({} channels) and {} x {} ({}) cannot be compared; render both at one size",
+            a.size[0], a.size[1], a.channels, b.size[0], b.size[1], b.channels
+        )));
+    }
+    Ok(())
+}
+
+fn distance(x: f32, y: f32) -> f64 {
+    if x.to_bits() == y.to_bits() {
+        return 0.0;
+    }
+    let d = (f64::from(x) - f64::from(y)).abs();
+    if d.is_nan() { f64::INFINITY } else { d }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "RMSE {:.3}/255, 99.9th percentile {:.3}/255, largest {:.3}/255",
+            self.rmse * 255.0,
+            self.percentile_999 * 255.0,
+            self.max * 255.0
+        )
+    }
+}

@@ -1,0 +1,172 @@
+//! What a picture and a step cost, and what they found: the content of `--report`.
+
+use super::Stage;
+use crate::Result;
+use crate::gpu::Gpu;
+use crate::physics::{Energy, Report};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// The report of `palpate render --report`; its JSON keys are the names of these members.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageReport {
+    /// The graphics adapter.
+    pub adapter: String,
+    /// Tets of the mesh.
+    pub tets: usize,
+    /// Nodes of the mesh.
+    pub nodes: usize,
+    /// Wall time of a frame, from recording to an idle GPU, everything redrawn: median, ms.
+    pub frame_ms: f64,
+    /// Frames it is the median of.
+    pub frames: u32,
+    /// Wall time of a step: median, ms; none where nothing moves.
+    pub step_ms: Option<f64>,
+    /// GPU time of each pass in one frame (and step), ms; empty where the adapter has no clock.
+    pub passes: BTreeMap<String, f64>,
+    /// Rays that meet the mesh.
+    pub rays: u64,
+    /// Rays that ended neither at the boundary nor opaque.
+    pub lost_rays: u64,
+    /// Tets a ray passes, on average.
+    pub tets_per_ray: f64,
+    /// Most times a ray enters the mesh.
+    pub peel_layers: u32,
+    /// Read-backs between a step and its picture.
+    pub readbacks: u64,
+    /// Conjugate gradients in the last step; none for other solvers.
+    pub cg: Option<CgReport>,
+    /// Energies, J; none where nothing moves.
+    pub energy: Option<Energy>,
+    /// Volume now over volume at rest.
+    pub volume_ratio: f64,
+    /// The farthest any node is from where it rested, in file units.
+    pub max_displacement: f64,
+    /// Tets turned inside out.
+    pub inverted: u64,
+    /// Simulated time, s.
+    pub time: f64,
+}
+
+/// Conjugate gradients in one step.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct CgReport {
+    /// Iterations.
+    pub iterations: u32,
+    /// Relative residual.
+    pub residual: f64,
+}
+
+impl Stage {
+    /// Draws `frames` frames after a warm-up, steps the solver as often if there is one, and
+    /// reports what that took and what the last picture found.
+    ///
+    /// # Errors
+    /// As [`Stage::image`] and [`Stage::run`].
+    pub fn measure(&mut self, frames: u32) -> Result<StageReport> {
+        let frames = frames.max(1);
+        let state = self.motion().map(|m| m.report(&self.mesh)).transpose()?;
+        let picture = self.raycaster.report(&self.camera, self.size)?;
+        let cg = self.motion().and_then(|m| m.progress()).and_then(|p| {
+            (p.last.iterations > 0).then_some(CgReport {
+                iterations: p.last.iterations,
+                residual: p.last.residual,
+            })
+        });
+        let time = self.time();
+        let before = self.gpu.readbacks();
+        let frame_ms = self.time_frames(frames)?;
+        let readbacks = self.gpu.readbacks() - before;
+        let passes = self.time_passes()?;
+        let step_ms = self.time_steps(frames)?;
+        Ok(StageReport {
+            adapter: self.gpu.adapter_name(),
+            tets: self.mesh.tets.len(),
+            nodes: self.mesh.nodes.len(),
+            frame_ms,
+            frames,
+            step_ms,
+            passes,
+            rays: picture.rays,
+            lost_rays: picture.lost_rays,
+            tets_per_ray: picture.tets_per_ray,
+            peel_layers: picture.peel_layers,
+            readbacks,
+            cg,
+            energy: state.map(|s: Report| s.energy),
+            volume_ratio: state.map_or(1.0, |s| s.volume_ratio),
+            max_displacement: state.map_or(0.0, |s| s.max_displacement),
+            inverted: picture.inverted.into(),
+            time,
+        })
+    }
+
+    /// Median wall time of a frame in which everything is redrawn, ms.
+    fn time_frames(&mut self, frames: u32) -> Result<f64> {
+        let target = self.target();
+        let gpu = self.gpu.clone();
+        median_ms(frames, || {
+            self.record_frame(&target)?;
+            gpu.wait()
+        })
+    }
+
+    /// GPU time of each pass of a frame and, where something moves, of a step; ms.
+    fn time_passes(&mut self) -> Result<BTreeMap<String, f64>> {
+        let target = self.target();
+        self.gpu.timings()?;
+        self.gpu.time_passes(true);
+        let drawn = self.record_frame(&target);
+        self.gpu.time_passes(false);
+        drawn?;
+        self.gpu.timings()
+    }
+
+    fn time_steps(&mut self, steps: u32) -> Result<Option<f64>> {
+        if self.motion().is_none() {
+            return Ok(None);
+        }
+        median_ms(steps, || self.run(1, &mut |_| {})).map(Some)
+    }
+
+    fn target(&self) -> wgpu::TextureView {
+        let texture = self.gpu.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some("measured picture"),
+            size: wgpu::Extent3d {
+                width: self.size[0],
+                height: self.size[1],
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba8Unorm,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        });
+        texture.create_view(&wgpu::TextureViewDescriptor::default())
+    }
+
+    /// Submits one frame, as if everything had moved since the last.
+    fn record_frame(&mut self, target: &wgpu::TextureView) -> Result<()> {
+        let gpu: Gpu = self.gpu.clone();
+        let mut work = gpu.record();
+        self.raycaster.geometry_mut().moved();
+        self.record(&mut work, target)?;
+        work.submit()
+    }
+}
+
+/// Median time of `work` over `times` calls, after one to warm up; ms.
+fn median_ms(times: u32, mut work: impl FnMut() -> Result<()>) -> Result<f64> {
+    work()?;
+    let mut taken = Vec::new();
+    for _ in 0..times {
+        let start = Instant::now();
+        work()?;
+        taken.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    taken.sort_by(f64::total_cmp);
+    Ok(taken.get(taken.len() / 2).copied().unwrap_or(0.0))
+}

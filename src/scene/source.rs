@@ -1,0 +1,130 @@
+//! From a scene's `[mesh]` and `field` to a mesh and the scalar that is seen.
+
+use super::{MeshSource, Scene};
+use crate::mesh::{Field, Location, TetMesh, Topology, depth_field, generate};
+use crate::{Error, Result, io};
+
+/// The most tets that a scene may ask a generator for.
+const MOST_TETS: usize = 20_000_000;
+
+impl MeshSource {
+    /// Reads or generates the mesh.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when neither or both of a file and a generator are named, or the
+    /// generator is not known; otherwise what reading gives.
+    pub fn load(&self) -> Result<TetMesh> {
+        match (&self.file, &self.generate) {
+            (Some(file), None) => io::read(file),
+            (None, Some(name)) => match self.tets {
+                Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
+                    "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
+                ))),
+                tets => generate::by_name(name, tets),
+            },
+            _ => Err(Error::Input(
+                "[mesh] needs either file = \"…\" or generate = \"…\"".into(),
+            )),
+        }
+    }
+}
+
+/// The scalar that a picture shows, one value a node.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Its name.
+    pub name: String,
+    /// One value a node.
+    pub values: Vec<f64>,
+    /// Smallest and largest value.
+    pub range: (f64, f64),
+    /// How it was come by, when nobody asked for it.
+    pub note: Option<String>,
+}
+
+impl Scene {
+    /// The scalar to see: the field named by the scene, else the first scalar node field that
+    /// varies, else the depth below the surface. Vectors are seen by their length, cell fields by
+    /// the volume-weighted mean around each node.
+    ///
+    /// # Errors
+    /// [`Error::Input`] listing the fields when the one named does not exist or is not finite.
+    pub fn seen(&self, mesh: &TetMesh, topology: &Topology) -> Result<Seen> {
+        let (field, note) = match &self.picture.field {
+            Some(name) => (named_field(mesh, name)?, None),
+            None => match first_scalar(mesh) {
+                Some(field) => (field.clone(), None),
+                None => (
+                    depth_field(mesh, topology),
+                    Some("the mesh has no scalar field that varies: seen is the depth below its surface".to_owned()),
+                ),
+            },
+        };
+        let values = node_scalars(mesh, &field);
+        if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
+            return Err(Error::Input(format!(
+                "field \"{}\" is not a finite number at node {bad}, so it cannot be drawn",
+                field.name
+            )));
+        }
+        let range = values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+                (a.min(*v), b.max(*v))
+            });
+        Ok(Seen {
+            name: field.name,
+            values,
+            range,
+            note,
+        })
+    }
+}
+
+fn named_field(mesh: &TetMesh, name: &str) -> Result<Field> {
+    let found = mesh
+        .field(name, Location::Node)
+        .or_else(|| mesh.field(name, Location::Cell));
+    found.cloned().ok_or_else(|| {
+        let names: Vec<&str> = mesh.fields.iter().map(|f| f.name.as_str()).collect();
+        Error::Input(match names.as_slice() {
+            [] => format!("there is no field \"{name}\": the mesh has none"),
+            _ => format!(
+                "there is no field \"{name}\"; there are {}",
+                names.join(", ")
+            ),
+        })
+    })
+}
+
+fn first_scalar(mesh: &TetMesh) -> Option<&Field> {
+    mesh.fields.iter().find(|f| {
+        f.location == Location::Node
+            && f.components == 1
+            && f.range().is_some_and(|(low, high)| low < high)
+    })
+}
+
+/// One value a node, from a field of any kind.
+fn node_scalars(mesh: &TetMesh, field: &Field) -> Vec<f64> {
+    let scalars: Vec<f64> = match field.components {
+        1 => field.values.clone(),
+        n => field
+            .values
+            .chunks_exact(n)
+            .map(|tuple| tuple.iter().map(|x| x * x).sum::<f64>().sqrt())
+            .collect(),
+    };
+    if field.location == Location::Node {
+        return scalars;
+    }
+    let mut sums = vec![(0.0, 0.0); mesh.nodes.len()];
+    for (t, (tet, value)) in mesh.tets.iter().zip(&scalars).enumerate() {
+        let weight = mesh.tet_volume(t);
+        for v in tet {
+            let sum = &mut sums[*v as usize];
+            *sum = (sum.0 + weight * value, sum.1 + weight);
+        }
+    }
+    sums.iter().map(|(sum, weight)| sum / weight).collect()
+}

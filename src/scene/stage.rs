@@ -1,0 +1,417 @@
+//! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
+
+use super::{Motion, Scene};
+use crate::gpu::{Gpu, Recorder};
+use crate::io::PvdSeries;
+use crate::mesh::{Field, Location, ScalarType, TetMesh, Topology};
+use crate::physics::{Nodes, SolverKind};
+use crate::render::{
+    Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Shading,
+    Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Picture size where a scene does not say.
+const SIZE: [u32; 2] = [1024, 768];
+/// Steps before a picture where a scene names a solver but no number of steps.
+const STEPS: u32 = 50;
+
+/// Colour of a surface that shows no field.
+const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
+
+/// What a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shown {
+    /// The inside, through the raycaster.
+    Inside(Mode),
+    /// The lit boundary.
+    Surface,
+}
+
+/// A scene ready to be moved and drawn.
+pub struct Stage {
+    pub(super) gpu: Gpu,
+    pub(super) mesh: TetMesh,
+    pub(super) actor: Actor,
+    pub(super) raycaster: Raycaster,
+    pub(super) surface: Surface,
+    pub(super) camera: Camera,
+    pub(super) size: [u32; 2],
+    pub(super) shown: Shown,
+    background: Background,
+    bits: BitDepth,
+    steps: u32,
+    drawn_version: u64,
+    depth: Option<wgpu::TextureView>,
+    notes: Vec<String>,
+}
+
+/// Who moves the nodes.
+pub(super) enum Actor {
+    /// Nobody, or the caller, pose by pose.
+    Posed(Box<Nodes>),
+    /// A solver.
+    Moving(Box<Motion>),
+}
+
+impl Actor {
+    pub(super) fn nodes(&self) -> &Nodes {
+        match self {
+            Actor::Posed(nodes) => nodes,
+            Actor::Moving(motion) => motion.body.nodes(),
+        }
+    }
+}
+
+impl Stage {
+    /// Loads the mesh of `scene` and prepares everything on `gpu`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for what makes no sense in the scene, what reading the mesh gives, or
+    /// [`Error::Gpu`] when it does not fit the device.
+    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
+        Stage::with_mesh(gpu, scene, scene.mesh.load()?)
+    }
+
+    /// As [`Stage::new`], with a mesh that is there already.
+    ///
+    /// # Errors
+    /// As [`Stage::new`].
+    pub fn with_mesh(gpu: &Gpu, scene: &Scene, mesh: TetMesh) -> Result<Stage> {
+        let mut notes = mesh.repairs.warnings.clone();
+        let topology = Topology::new(&mesh);
+        let seen = scene.seen(&mesh, &topology)?;
+        notes.extend(seen.note.clone());
+        let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
+        let actor = match solver.transpose()? {
+            None => Actor::Posed(Box::new(Nodes::new(gpu, &mesh)?)),
+            Some(kind) => {
+                let (motion, said) = Motion::new(gpu, scene, kind, &mesh)?;
+                notes.extend(said);
+                Actor::Moving(Box::new(motion))
+            }
+        };
+        let nodes = actor.nodes();
+        let (positions, frame) = (nodes.array(), nodes.frame());
+        let geometry = Geometry::new(gpu, &mesh, &topology, frame, positions, &seen.values)?;
+        let transfer = scene.transfer()?;
+        let colour = match scene.picture.field.is_some() || scene.picture.transfer.is_some() {
+            true => SurfaceColour::Field(transfer.clone()),
+            false => SurfaceColour::Plain(SKIN_COLOUR),
+        };
+        let surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
+        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, scene.options()?)?;
+        let size = scene.picture.size.unwrap_or(SIZE);
+        Ok(Stage {
+            gpu: gpu.clone(),
+            camera: scene.camera(&mesh, size)?,
+            size,
+            shown: scene.shown()?,
+            background: scene.background()?,
+            bits: scene.bits()?,
+            steps: scene.solver.steps.unwrap_or(STEPS),
+            drawn_version: nodes.version(),
+            depth: None,
+            mesh,
+            actor,
+            raycaster,
+            surface,
+            notes,
+        })
+    }
+
+    /// What was assumed or repaired, in words.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The mesh at rest.
+    pub fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    /// The view.
+    pub fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
+    }
+
+    /// The body and its solver, if the scene has one.
+    pub fn motion(&self) -> Option<&Motion> {
+        match &self.actor {
+            Actor::Posed(_) => None,
+            Actor::Moving(motion) => Some(motion),
+        }
+    }
+
+    /// As [`Stage::motion`], to push and pull the body.
+    pub fn motion_mut(&mut self) -> Option<&mut Motion> {
+        match &mut self.actor {
+            Actor::Posed(_) => None,
+            Actor::Moving(motion) => Some(motion),
+        }
+    }
+
+    /// Steps before a picture, as the scene has it; 0 where nothing moves.
+    pub fn steps(&self) -> u32 {
+        self.motion().map_or(0, |_| self.steps)
+    }
+
+    /// Simulated time, in seconds.
+    pub fn time(&self) -> f64 {
+        self.motion()
+            .and_then(|m| m.progress())
+            .map_or(0.0, |p| p.time)
+    }
+
+    /// Runs `steps` steps of the solver, telling `progress` how many are done.
+    ///
+    /// # Errors
+    /// [`Error::Solver`] when the simulation failed; the last good state stays and can be drawn.
+    pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
+        match &mut self.actor {
+            Actor::Posed(_) => Ok(()),
+            Actor::Moving(motion) => motion.run(steps, progress),
+        }
+    }
+
+    /// Puts the nodes where the caller wants them, in file units.
+    ///
+    /// # Errors
+    /// As [`Nodes::set_positions`].
+    pub fn pose(&mut self, positions: &[DVec3]) -> Result<()> {
+        match &mut self.actor {
+            Actor::Posed(nodes) => nodes.set_positions(positions),
+            Actor::Moving(motion) => motion.body.set_positions(positions),
+        }
+    }
+
+    /// Tells the raycaster if the nodes may have moved since it last drew.
+    pub(super) fn notice_moves(&mut self) {
+        let version = self.actor.nodes().version();
+        if version != self.drawn_version {
+            self.drawn_version = version;
+            self.raycaster.geometry_mut().moved();
+        }
+    }
+
+    /// The picture, as the scene describes it.
+    ///
+    /// # Errors
+    /// As [`Raycaster::image`].
+    pub fn image(&mut self) -> Result<Image> {
+        self.notice_moves();
+        match self.shown {
+            Shown::Inside(mode) => self.raycaster.image(&self.camera, self.size, mode),
+            Shown::Surface => self.surface.image(&self.camera, self.size),
+        }
+    }
+
+    /// Records the drawing of the picture into `colour`, whose size replaces the scene's, on
+    /// black: for callers with encoders and views of their own. Reads nothing back.
+    ///
+    /// # Errors
+    /// As [`Raycaster::record`].
+    pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
+        self.notice_moves();
+        let background = Some([0.0, 0.0, 0.0, 1.0]);
+        match self.shown {
+            Shown::Inside(mode) => {
+                let target = Target {
+                    colour,
+                    occluder: None,
+                    background,
+                };
+                self.raycaster.record(work, &self.camera, mode, &target)
+            }
+            Shown::Surface => {
+                let depth = self.depth_for(colour);
+                let target = SurfaceTarget {
+                    colour,
+                    depth: &depth,
+                    background,
+                };
+                self.surface.record(work, &self.camera, &target)
+            }
+        }
+    }
+
+    /// A depth attachment of the size of `colour`, kept for the next picture.
+    fn depth_for(&mut self, colour: &wgpu::TextureView) -> wgpu::TextureView {
+        let size = colour.texture().size();
+        if let Some(depth) = &self.depth
+            && depth.texture().size() == size
+        {
+            return depth.clone();
+        }
+        let texture = self.gpu.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some("depth"),
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Depth32Float,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        });
+        let depth = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        self.depth = Some(depth.clone());
+        depth
+    }
+
+    /// Draws the picture and saves it, with the scene's background and bit depth.
+    ///
+    /// # Errors
+    /// As [`Stage::image`] and [`Image::save_as`].
+    pub fn save(&mut self, path: impl AsRef<std::path::Path>) -> Result<()> {
+        self.image()?.save_as(path, self.background, self.bits)
+    }
+
+    /// The extension that suits the pictures of this stage.
+    pub fn picture_extension(&self) -> &'static str {
+        match self.shown {
+            Shown::Inside(Mode::Thickness) => "exr",
+            _ => "png",
+        }
+    }
+
+    /// The mesh where it is now, with its fields, `displacement` and `velocity` (both in file
+    /// units) at the nodes.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn deformed_mesh(&self) -> Result<TetMesh> {
+        let positions = self.actor.nodes().positions()?;
+        let mut mesh = self.mesh.clone();
+        for field in self.motion_fields(&positions)? {
+            mesh.set_field(field)?;
+        }
+        mesh.nodes = positions;
+        Ok(mesh)
+    }
+
+    /// Adds the present state to a series, with its fields, `displacement` and `velocity`.
+    ///
+    /// # Errors
+    /// What reading back or writing gives.
+    pub fn push(&self, series: &mut PvdSeries) -> Result<()> {
+        let positions = self.actor.nodes().positions()?;
+        let fields = self.motion_fields(&positions)?;
+        series.push_deformed(self.time(), &self.mesh, &positions, &fields)
+    }
+
+    fn motion_fields(&self, positions: &[DVec3]) -> Result<Vec<Field>> {
+        let displacements = positions
+            .iter()
+            .zip(&self.mesh.nodes)
+            .map(|(x, rest)| *x - *rest);
+        let mut fields = vec![vector_field("displacement", displacements)];
+        if let Some(motion) = self.motion() {
+            fields.push(vector_field(
+                "velocity",
+                motion.body.velocities()?.into_iter(),
+            ));
+        }
+        Ok(fields)
+    }
+}
+
+fn vector_field(name: &str, vectors: impl Iterator<Item = DVec3>) -> Field {
+    Field {
+        name: name.into(),
+        location: Location::Node,
+        components: 3,
+        values: vectors.flat_map(|v| v.to_array()).collect(),
+        scalar_type: ScalarType::F32,
+    }
+}
+
+impl Scene {
+    fn transfer(&self) -> Result<TransferFunction> {
+        match self.picture.transfer.as_deref() {
+            None => TransferFunction::preset("tissue"),
+            Some(json) if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
+            Some(file) if file.ends_with(".json") => TransferFunction::read(file),
+            Some(name) => TransferFunction::preset(name),
+        }
+    }
+
+    fn options(&self) -> Result<RaycastOptions> {
+        let mut options = RaycastOptions::default();
+        options.walk = match self.picture.walk.as_deref() {
+            None => options.walk,
+            Some("vertices") => Walk::Vertices,
+            Some("planes") => Walk::Planes,
+            Some(other) => {
+                return Err(Error::Input(format!(
+                    "walk \"{other}\" is not known; use vertices or planes"
+                )));
+            }
+        };
+        options.layers = self.picture.layers.unwrap_or(options.layers);
+        Ok(options)
+    }
+
+    fn shown(&self) -> Result<Shown> {
+        match self.picture.mode.as_deref() {
+            None | Some("composite") => Ok(Shown::Inside(Mode::Composite)),
+            Some("thickness") => Ok(Shown::Inside(Mode::Thickness)),
+            Some("surface") => Ok(Shown::Surface),
+            Some(other) => Err(Error::Input(format!(
+                "mode \"{other}\" is not known; use composite, thickness or surface"
+            ))),
+        }
+    }
+
+    fn background(&self) -> Result<Background> {
+        match self.picture.background.as_deref() {
+            None => Ok(Background::default()),
+            Some("transparent") => Ok(Background::Transparent),
+            Some("black") => Ok(Background::Black),
+            Some("white") => Ok(Background::White),
+            Some(other) => Err(Error::Input(format!(
+                "background \"{other}\" is not known; use transparent, black or white"
+            ))),
+        }
+    }
+
+    fn bits(&self) -> Result<BitDepth> {
+        match self.picture.bits {
+            None | Some(8) => Ok(BitDepth::Eight),
+            Some(16) => Ok(BitDepth::Sixteen),
+            Some(other) => Err(Error::Input(format!(
+                "{other} bits a channel cannot be written; use 8 or 16"
+            ))),
+        }
+    }
+
+    /// The camera: the whole mesh framed, and what the scene says laid over it.
+    fn camera(&self, mesh: &TetMesh, size: [u32; 2]) -> Result<Camera> {
+        use crate::render::Projection;
+        let entry = &self.camera;
+        let mut camera = Camera::framing_for(mesh, size);
+        if let Some(look_at) = entry.look_at {
+            // The eye keeps its place relative to what is looked at.
+            camera.eye += DVec3::from(look_at) - camera.look_at;
+            camera.look_at = look_at.into();
+        }
+        if let Some(eye) = entry.eye {
+            camera.eye = eye.into();
+        }
+        if let Some(up) = entry.up {
+            camera.up = up.into();
+        }
+        match (entry.fov, entry.orthographic) {
+            (Some(_), Some(_)) => {
+                return Err(Error::Input(
+                    "the camera has both fov and orthographic; give one of them".into(),
+                ));
+            }
+            (Some(fov), None) => camera.projection = Projection::Perspective { fov },
+            (None, Some(height)) => camera.projection = Projection::Orthographic { height },
+            (None, None) => {}
+        }
+        camera.check()?;
+        Ok(camera)
+    }
+}
