@@ -49,32 +49,33 @@ fn main(
     }
     let h = params.dt;
     var sum = vec4(0.0);
-    for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
+    for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
+        let row = textureLoad(rows, at(t), 0).xyz;
+        let i = row.x;
         let x = textureLoad(positions, at(i), 0).xyz;
         let v = textureLoad(velocities, at(i), 0).xyz;
         let mass = textureLoad(masses, at(i), 0).xy;
-        let row = textureLoad(rows, at(i), 0).xy;
         var kv = vec3(0.0);
         // The diagonal block: xx, yy, zz and xy, xz, yz.
         var diagonal = vec3(mass.x);
         var mixed = vec3(0.0);
-        for (var q = 0u; q < row.y; q++) {
-            let neighbours = textureLoad(columns, column_texel(row.x, i, q), 0);
+        for (var q = 0u; q < row.z; q++) {
+            let neighbours = textureLoad(columns, column_texel(row.y, t, q), 0);
             for (var k = 0u; k < 4u; k++) {
                 let j = neighbours[k];
-                let place = spring_texel(row.x, i, q * 4u + k);
+                let place = spring_texel(row.y, t, q * 4u + k);
                 let spring = textureLoad(springs, place, 0);
                 let d = textureLoad(positions, at(j), 0).xyz - x;
                 let w = textureLoad(velocities, at(j), 0).xyz - v;
                 let l = length(d);
                 let n = along(d, l);
                 // Coincident ends of a spring with a rest length: no direction, no transverse term.
-                let t = select(select(0.0, 1.0, spring.y == 0.0), max(1.0 - spring.y / l, 0.0), l > 0.0);
-                kv += spring.x * ((1.0 - t) * n * dot(n, w) + t * w);
+                let s = select(select(0.0, 1.0, spring.y == 0.0), max(1.0 - spring.y / l, 0.0), l > 0.0);
+                kv += spring.x * ((1.0 - s) * n * dot(n, w) + s * w);
                 let damping = select(params.damping + params.damping_time * spring.x, 0.0, j == i);
                 let axial = select(0.0, h * damping, params.axial != 0u);
-                let u = sqrt(h * h * spring.x * (1.0 - t) + axial) * n;
-                let b = h * h * spring.x * t + (h * damping - axial);
+                let u = sqrt(h * h * spring.x * (1.0 - s) + axial) * n;
+                let b = h * h * spring.x * s + (h * damping - axial);
                 textureStore(edges, place, vec4(u, b));
                 diagonal += u * u + b;
                 mixed += u.xxy * u.yzz;

@@ -52,19 +52,20 @@ fn main(
     }
     let beta = select(rz / before.rz, 0.0, first);
     var sum = 0.0;
-    for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
+    for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
+        let row = textureLoad(rows, at(t), 0).xyz;
+        let i = row.x;
         let mass = textureLoad(masses, at(i), 0).xy;
         var p = textureLoad(preconditioned, at(i), 0).xyz;
         if !first {
             p += beta * textureLoad(direction, at(i), 0).xyz;
         }
-        let row = textureLoad(rows, at(i), 0).xy;
         var q = mass.x * p;
-        for (var k = 0u; k < row.y; k++) {
-            let neighbours = textureLoad(columns, column_texel(row.x, i, k), 0);
+        for (var k = 0u; k < row.z; k++) {
+            let neighbours = textureLoad(columns, column_texel(row.y, t, k), 0);
             for (var c = 0u; c < 4u; c++) {
                 let j = at(neighbours[c]);
-                let edge = textureLoad(edges, spring_texel(row.x, i, k * 4u + c), 0);
+                let edge = textureLoad(edges, spring_texel(row.y, t, k * 4u + c), 0);
                 var d = p - textureLoad(preconditioned, j, 0).xyz;
                 if !first {
                     d -= beta * textureLoad(direction, j, 0).xyz;

@@ -44,17 +44,18 @@ fn main(
         return;
     }
     var sum = vec4(0.0);
-    for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
+    for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
+        let row = textureLoad(rows, at(t), 0).xyz;
+        let i = row.x;
         let x = textureLoad(positions, at(i), 0).xyz;
         let v = textureLoad(velocities, at(i), 0).xyz;
-        let row = textureLoad(rows, at(i), 0).xy;
         var f = vec3(0.0);
         var elastic = 0.0;
-        for (var q = 0u; q < row.y; q++) {
-            let neighbours = textureLoad(columns, column_texel(row.x, i, q), 0);
+        for (var q = 0u; q < row.z; q++) {
+            let neighbours = textureLoad(columns, column_texel(row.y, t, q), 0);
             for (var k = 0u; k < 4u; k++) {
                 let j = at(neighbours[k]);
-                let spring = textureLoad(springs, spring_texel(row.x, i, q * 4u + k), 0);
+                let spring = textureLoad(springs, spring_texel(row.y, t, q * 4u + k), 0);
                 let d = textureLoad(positions, j, 0).xyz - x;
                 let w = textureLoad(velocities, j, 0).xyz - v;
                 let l = length(d);

@@ -208,7 +208,8 @@ fn compute_pipeline(
             entry_point: Some("main"),
             compilation_options: wgpu::PipelineCompilationOptions {
                 constants,
-                ..Default::default()
+                // Our shaders write workgroup memory before they read it.
+                zero_initialize_workgroup_memory: false,
             },
             cache: None,
         })

@@ -63,7 +63,7 @@ impl Body {
             velocities: gpu.array_of("velocities", Texel::F32x4, &zero)?,
             masses: gpu.array("masses", Texel::F32x2, nodes.len())?,
             external: gpu.array_of("external forces", Texel::F32x4, &zero)?,
-            rows: gpu.array_of("rows", Texel::U32x2, &rows.rows)?,
+            rows: gpu.array_of("rows", Texel::U32x4, &rows.rows)?,
             columns: gpu.array_of("columns", Texel::U32x4, &rows.columns)?,
             springs: gpu.array_of("springs", Texel::F32x2, &rows.springs)?,
             pinned: vec![false; nodes.len()],

@@ -1,21 +1,26 @@
 //! The springs of every node, laid out for the GPU: sliced rows of directed edges.
 //!
-//! Nodes are taken 32 at a time; within such a slice the q-th four neighbours of all nodes lie
-//! side by side, so neighbouring invocations load neighbouring texels, and one node with many
-//! springs lengthens its own slice only. The twin of `shaders/lib/springs.wgsl`.
+//! Rows are taken 32 at a time; within such a slice the q-th four neighbours of all lie side by
+//! side, so neighbouring invocations load neighbouring texels, and one node with many springs
+//! lengthens its own slice only. Rows of one length come together: within a window of the file's
+//! order they are sorted by it, so that invocations running side by side finish together. The
+//! twin of `shaders/lib/springs.wgsl`.
 
 use super::network::SpringNetwork;
 use super::units::Units;
 use crate::{Error, Result};
 use glam::Vec3;
 
-/// Nodes in a slice.
+/// Rows in a slice.
 const LANES: usize = 32;
+
+/// Rows sorted among each other.
+const WINDOW: usize = 512;
 
 /// The rows as they are uploaded.
 pub(super) struct Rows {
-    /// Of each node: first texel of its slice in `columns`, texels of its own.
-    pub rows: Vec<[u32; 2]>,
+    /// Of each row: its node, the first texel of its slice in `columns`, its own texels.
+    pub rows: Vec<[u32; 4]>,
     /// Four neighbours a texel, filled up with the node itself.
     pub columns: Vec<[u32; 4]>,
     /// κ and L of each directed edge, in local units; zero where a row is filled up.
@@ -38,15 +43,22 @@ impl Rows {
             neighbours[i as usize].push((j, stiffness, length));
             neighbours[j as usize].push((i, stiffness, length));
         }
+        for row in &mut neighbours {
+            row.sort_unstable_by_key(|n| n.0);
+        }
         let mut built = Rows {
             rows: Vec::with_capacity(nodes),
             columns: Vec::new(),
             springs: Vec::new(),
         };
-        for (slice, of_slice) in neighbours.chunks_mut(LANES).enumerate() {
+        let mut order: Vec<u32> = (0..nodes as u32).collect();
+        for window in order.chunks_mut(WINDOW) {
+            window.sort_by_key(|i| std::cmp::Reverse(neighbours[*i as usize].len()));
+        }
+        for slice in order.chunks(LANES) {
             let base = built.columns.len();
-            let width = of_slice.iter().map(|n| n.len().div_ceil(4)).max();
-            let width = width.unwrap_or(0);
+            let texels = |node: &u32| neighbours[*node as usize].len().div_ceil(4);
+            let width = slice.iter().map(texels).max().unwrap_or(0);
             let end = base + width * LANES;
             if 4 * end > u32::MAX as usize {
                 return Err(Error::Mesh(
@@ -55,13 +67,15 @@ impl Rows {
             }
             built.columns.resize(end, [0; 4]);
             built.springs.resize(4 * end, [0.0; 2]);
-            for (lane, row) in of_slice.iter_mut().enumerate() {
-                row.sort_unstable_by_key(|n| n.0);
-                let own = (slice * LANES + lane) as u32;
-                built.rows.push([base as u32, row.len().div_ceil(4) as u32]);
+            for (lane, node) in slice.iter().enumerate() {
+                built
+                    .rows
+                    .push([*node, base as u32, texels(node) as u32, 0]);
+                let row = &neighbours[*node as usize];
                 for e in 0..4 * width {
-                    let (node, stiffness, length) = row.get(e).copied().unwrap_or((own, 0.0, 0.0));
-                    built.columns[base + (e / 4) * LANES + lane][e % 4] = node;
+                    let (other, stiffness, length) =
+                        row.get(e).copied().unwrap_or((*node, 0.0, 0.0));
+                    built.columns[base + (e / 4) * LANES + lane][e % 4] = other;
                     built.springs[4 * base + e * LANES + lane] = [stiffness, length];
                 }
             }

@@ -41,6 +41,9 @@ const VISITS: f64 = 5e8;
 /// Dispatches in one submit.
 const DISPATCHES: u32 = 8192;
 
+/// Pairs of iterations behind one gate.
+const GATED: u32 = 4;
+
 /// What all solvers have: the candidate state, the forces, and the guard.
 #[derive(Debug)]
 pub struct Core {
@@ -66,6 +69,8 @@ pub struct StepPasses {
     pub(super) first: Option<Vec<Pass>>,
     /// Everything before the iterations.
     pub(super) before: Vec<Pass>,
+    /// Before every [`GATED`] pairs of iterations.
+    pub(super) gate: Option<Pass>,
     /// Two iterations of a linear solve.
     pub(super) iterations: Vec<Pass>,
     /// Everything after them, up to the candidate state.
@@ -214,7 +219,10 @@ impl<S: Scheme> Stepper<S> {
             for pass in first.unwrap_or(&prepared.step.before) {
                 pass.record(work);
             }
-            for _ in 0..iterations.div_ceil(2) {
+            for pair in 0..iterations.div_ceil(2) {
+                if let Some(gate) = prepared.step.gate.as_ref().filter(|_| pair % GATED == 0) {
+                    gate.record(work);
+                }
                 for pass in &prepared.step.iterations {
                     pass.record(work);
                 }
@@ -325,9 +333,12 @@ impl<S: Scheme> Solver for Stepper<S> {
 impl Core {
     fn new(gpu: &Gpu, body: &Body) -> Result<Core> {
         let nodes = body.node_count();
-        // A software adapter has few cores and dear barriers; a GPU wants many threads.
-        let software = gpu.adapter().device_type == wgpu::DeviceType::Cpu;
-        let (workgroup, most) = if software { (64, 32) } else { (256, 512) };
+        // On a software adapter a workgroup costs microseconds: a few a core. A GPU wants many.
+        let cores = std::thread::available_parallelism().map_or(4, usize::from) as u32;
+        let (workgroup, most) = match gpu.adapter().device_type {
+            wgpu::DeviceType::Cpu => (64, (4 * cores).min(256)),
+            _ => (256, 512),
+        };
         let groups = (nodes as u32).div_ceil(workgroup).clamp(1, most);
         let array = |label| gpu.array(label, Texel::F32x4, nodes);
         Ok(Core {

@@ -193,6 +193,7 @@ fn product(
     gpu.write_array(&solver.scheme.preconditioned[0], &first)
         .unwrap();
     let mut work = gpu.record();
+    passes.gate.unwrap().record(&mut work);
     passes.iterations[0].record(&mut work);
     work.submit().unwrap();
     read(gpu, &solver.scheme.product, body.units.mass)

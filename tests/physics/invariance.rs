@@ -189,7 +189,13 @@ fn a_free_body_keeps_its_momentum_and_with_axial_damping_its_spin() {
         twins.take_over();
         let (after, spin_after, _) = moments(&twins);
         let lost = (after - momentum).length() / scale;
-        assert!(lost < 2e-4, "{kind}: {lost} of the momentum");
+        // Conjugate gradients keep it to their tolerance.
+        let slack = if kind == SolverKind::Implicit {
+            2e-3
+        } else {
+            2e-4
+        };
+        assert!(lost < slack, "{kind}: {lost} of the momentum");
         // Spin is kept to the order of the scheme, in metres of lever.
         let lost = (spin_after - spin).length() / (scale * 0.2);
         assert!(lost < 1e-3, "{kind}: {lost} of the spin");
