@@ -281,3 +281,34 @@ fn the_demo_leaves_its_pictures_and_series() {
         assert!(folder.join(file).exists(), "{file}");
     }
 }
+
+#[test]
+fn every_example_runs() {
+    let folder = folder("examples");
+    let built = Path::new(env!("CARGO_BIN_EXE_palpate"))
+        .parent()
+        .unwrap()
+        .join("examples");
+    let runs: [(&str, &[&str]); 4] = [
+        ("quickstart", &[]),
+        ("own_device", &[]),
+        ("other_engine", &["twist"]),
+        ("regression_picture", &[]),
+    ];
+    for (example, arguments) in runs {
+        let output = Command::new(built.join(example))
+            .args(arguments)
+            .current_dir(&folder)
+            .output()
+            .unwrap_or_else(|e| panic!("{example}: {e}; `cargo test` builds the examples"));
+        stdout(&output);
+    }
+    for picture in ["quickstart.png", "twist/twist_4.png", "golden.png"] {
+        assert!(folder.join(picture).exists(), "{picture}");
+    }
+    // The second time there is a picture to compare with, and it is the same.
+    let again = Command::new(built.join("regression_picture"))
+        .current_dir(&folder)
+        .output();
+    assert!(stdout(&again.unwrap()).contains("RMSE 0.0"));
+}

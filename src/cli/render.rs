@@ -38,19 +38,18 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     let outcome = progress::over("steps", u64::from(steps), |bar| {
         stage.run(steps, &mut |done| bar.set_position(u64::from(done)))
     });
-    if let Err(error) = outcome {
-        // What was frozen is worth a look: the picture of the last good state is still drawn.
-        stage.save(&arguments.out)?;
-        super::tell(&[format!(
-            "{} shows the last good state",
-            arguments.out.display()
-        )]);
-        return Err(error.into());
-    }
+    // Also when the simulation failed: its last good state is worth a look.
     stage.save(&arguments.out)?;
     if let Some(path) = &arguments.mesh_out {
         io::write(path, &stage.deformed_mesh()?)?;
     }
+    if outcome.is_err() {
+        super::tell(&[format!(
+            "{} shows the last good state",
+            arguments.out.display()
+        )]);
+    }
+    outcome?;
     if arguments.measure.repeat.is_some() || arguments.measure.report.is_some() {
         let report = stage.measure(arguments.measure.repeat.unwrap_or(1))?;
         match &arguments.measure.report {

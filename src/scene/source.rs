@@ -4,6 +4,8 @@ use super::{MeshSource, Scene};
 use crate::mesh::{Field, Location, TetMesh, Topology, depth_field, generate};
 use crate::{Error, Result, io};
 
+/// Names that readers give to reference numbers: labels, not quantities.
+const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
 /// The most tets that a scene may ask a generator for.
 const MOST_TETS: usize = 20_000_000;
 
@@ -102,6 +104,7 @@ fn first_scalar(mesh: &TetMesh) -> Option<&Field> {
         f.location == Location::Node
             && f.components == 1
             && f.range().is_some_and(|(low, high)| low < high)
+            && !LABEL_FIELDS.iter().any(|prefix| f.name.starts_with(prefix))
     })
 }
 

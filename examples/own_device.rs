@@ -1,0 +1,69 @@
+//! Palpate inside a program that has its own wgpu device: steps and pictures are recorded into
+//! the program's encoder and drawn into its view, and nothing is read back in between.
+//!
+//!     cargo run --release --example own_device
+
+use palpate::gpu::{Gpu, Recorder};
+use palpate::mesh::{Topology, generate};
+use palpate::physics::{Body, Material, SolverKind};
+use palpate::render::{Camera, Geometry, Mode, Raycaster, Target, TransferFunction};
+
+fn main() -> anyhow::Result<()> {
+    // What the program has already: an adapter, a device, a queue, a texture to show.
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let options = wgpu::RequestAdapterOptions::default();
+    let adapter = pollster::block_on(instance.request_adapter(&options))?;
+    let (device, queue) = pollster::block_on(adapter.request_device(&Default::default()))?;
+    let shown = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("window"),
+        size: wgpu::Extent3d {
+            width: 256,
+            height: 256,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    });
+    let view = shown.create_view(&Default::default());
+
+    let gpu = Gpu::from_wgpu(&adapter, device.clone(), queue.clone());
+    let mesh = generate::ball(0.05, 8)?;
+    let mut body = Body::new(&gpu, &mesh, &Material::very_soft_tissue())?;
+    body.pin_lowest_end(9.81);
+    let mut solver = SolverKind::Implicit.solver(&gpu, &body)?;
+    let depth = palpate::mesh::depth_field(&mesh, &Topology::new(&mesh));
+    let (frame, positions) = (body.nodes().frame(), body.nodes().array().clone());
+    let geometry = Geometry::new(
+        &gpu,
+        &mesh,
+        &Topology::new(&mesh),
+        frame,
+        &positions,
+        &depth.values,
+    )?;
+    let mut raycaster = Raycaster::new(&gpu, geometry, &TransferFunction::preset("tissue")?)?;
+    let camera = Camera::framing(&mesh);
+
+    let before = gpu.readbacks();
+    for _ in 0..20 {
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut work = Recorder::within(&gpu, &mut encoder);
+        solver.record(&mut work, &mut body, 2, 0.005)?;
+        raycaster.geometry_mut().moved();
+        let target = Target {
+            colour: &view,
+            occluder: None,
+            background: Some([0.0, 0.0, 0.0, 1.0]),
+        };
+        raycaster.record(&mut work, &camera, Mode::Composite, &target)?;
+        drop(work);
+        queue.submit([encoder.finish()]);
+    }
+    println!("20 frames, {} read-backs", gpu.readbacks() - before);
+    println!("simulated {:.2} s", solver.poll(&body)?.time);
+    Ok(())
+}

@@ -1,0 +1,45 @@
+//! From a mesh file to a picture of its inside, deformed.
+//!
+//!     cargo run --release --example quickstart [-- MESH.vtu OUT.png]
+
+use palpate::gpu::Gpu;
+use palpate::mesh::{Location, Topology};
+use palpate::physics::{Body, ImplicitEuler, Material, Solver};
+use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
+
+fn main() -> palpate::Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
+    let file = arguments.next().unwrap_or(format!("{data}/limb.vtu"));
+    let out = arguments.next().unwrap_or("quickstart.png".into());
+
+    let gpu = Gpu::new()?;
+    let mesh = palpate::io::read(&file)?;
+    let mut body = Body::new(&gpu, &mesh, &Material::soft_tissue())?;
+    println!("{}", body.pin_lowest_end(2.0));
+
+    let mut solver = ImplicitEuler::new(&gpu, &body)?;
+    solver.run(&mut body, 30, 0.01)?;
+
+    let field = mesh.field("intensity", Location::Node);
+    let scalars = field.map_or(vec![0.0; mesh.nodes.len()], |f| f.values.clone());
+    let nodes = body.nodes();
+    let topology = Topology::new(&mesh);
+    let geometry = Geometry::new(
+        &gpu,
+        &mesh,
+        &topology,
+        nodes.frame(),
+        nodes.array(),
+        &scalars,
+    )?;
+    let transfer = TransferFunction::read(format!("{data}/limb.json"))?;
+    let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
+    let size = [800, 600];
+    let camera = Camera::framing_for(&mesh, size);
+    raycaster
+        .image(&camera, size, Mode::Composite)?
+        .save(&out)?;
+    println!("{out}");
+    Ok(())
+}
