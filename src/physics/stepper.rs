@@ -5,6 +5,7 @@ use super::guard::{Clock, ENERGY_FACTOR, ENERGY_FLOOR, HISTORY, Progress, StepRe
 use super::{Body, Damping, Solver, SolverKind};
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
 use crate::{Error, Result};
+use glam::DVec3;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -65,10 +66,12 @@ pub struct Core {
 /// The passes of one step, between the forces at its start and the check at its end.
 #[derive(Debug, Default)]
 pub struct StepPasses {
-    /// In place of `before` in the first step after a restart or a change of dt, where it differs.
-    pub(super) first: Option<Vec<Pass>>,
     /// Everything before the iterations.
     pub(super) before: Vec<Pass>,
+    /// In place of it in the first step after a restart, where that differs.
+    pub(super) after_restart: Option<Vec<Pass>>,
+    /// In place of it in the first step after a change of dt, where that differs.
+    pub(super) after_change: Option<Vec<Pass>>,
     /// Before every [`GATED`] pairs of iterations.
     pub(super) gate: Option<Pass>,
     /// Two iterations of a linear solve.
@@ -86,7 +89,7 @@ pub struct StepPasses {
 pub struct Timing {
     /// This step's.
     pub(super) dt: f32,
-    /// The step before's, 0 after a restart.
+    /// The step before's.
     pub(super) before: f32,
 }
 
@@ -122,20 +125,34 @@ pub struct Stepper<S> {
     clock: Clock,
     /// Iterations that [`Solver::run`] records a step.
     iterations: u32,
+    /// Whether steps were recorded since the status was last read.
+    unseen: bool,
 }
 
 /// Passes ready to be recorded, and what they were made for.
 #[derive(Debug)]
 struct Prepared {
-    revision: u64,
     dt: f64,
     local_dt: f32,
+    gravity: DVec3,
+    /// The state of the body as it was last left or found.
+    revision: u64,
     step: StepPasses,
     forces: Pass,
     check: Pass,
     commit: Pass,
-    /// The forces again, at the start of a recording: external ones may have changed.
+    /// Before the first step on a state that was changed from outside: everything from it.
+    restart: [Pass; 3],
+    /// Before the first step of any other recording: external forces may have changed.
     resume: [Pass; 2],
+}
+
+/// How the steps of a recording begin.
+#[derive(Clone, Copy, PartialEq)]
+enum Start {
+    Restart,
+    Change,
+    Resume,
 }
 
 impl<S: Scheme> Stepper<S> {
@@ -152,12 +169,18 @@ impl<S: Scheme> Stepper<S> {
             scheme,
             prepared: None,
             clock: Clock::default(),
+            unseen: false,
         })
     }
 
     /// Makes the passes anew where anything they depend on has changed, and records what comes
     /// before the first step.
-    fn begin(&mut self, work: &mut Recorder, body: &mut Body, dt: f64) -> Result<&Prepared> {
+    fn begin(
+        &mut self,
+        work: &mut Recorder,
+        body: &mut Body,
+        dt: f64,
+    ) -> Result<(&Prepared, Start)> {
         let local_dt = (dt / body.units.time) as f32;
         if !(dt > 0.0 && dt.is_finite() && local_dt.is_normal()) {
             return Err(Error::Input(format!(
@@ -170,36 +193,35 @@ impl<S: Scheme> Stepper<S> {
             ));
         }
         body.flush()?;
+        let (revision, gravity) = (body.revision(), body.gravity());
         let known = self.prepared.take();
-        let restart = known.as_ref().is_none_or(|p| p.revision != body.revision());
-        let prepared = match known {
-            Some(mut known) if !restart && known.dt == dt => {
-                known.step.first = None;
-                known
-            }
+        let mut start = match &known {
+            Some(known) if known.revision == revision => Start::Resume,
+            _ => Start::Restart,
+        };
+        let mut prepared = match known {
+            Some(known) if known.dt == dt && known.gravity == gravity => known,
             known => {
-                let before = known.filter(|_| !restart).map_or(0.0, |p| p.local_dt);
+                if start == Start::Resume {
+                    start = Start::Change;
+                }
                 let timing = Timing {
                     dt: local_dt,
-                    before,
+                    before: known.map_or(local_dt, |p| p.local_dt),
                 };
                 let step = self.scheme.passes(&self.core, body, timing)?;
                 self.core.prepare(body, step, dt, local_dt)?
             }
         };
-        if restart {
-            let forget = self.core.gpu.pass("physics/restart");
-            forget.write(&self.core.status).over(1)?.record(work);
-            let state = body.nodes().array();
-            let forces = self.core.force_pass(body, state, &body.velocities)?;
-            forces.record(work);
-            self.core.check_pass(2, local_dt)?.record(work);
-        } else {
-            for pass in &prepared.resume {
-                pass.record(work);
-            }
+        prepared.revision = revision;
+        let first: &[Pass] = match start {
+            Start::Restart => &prepared.restart,
+            _ => &prepared.resume,
+        };
+        for pass in first {
+            pass.record(work);
         }
-        Ok(self.prepared.insert(prepared))
+        Ok((self.prepared.insert(prepared), start))
     }
 
     pub(super) fn record_steps(
@@ -213,10 +235,16 @@ impl<S: Scheme> Stepper<S> {
         if steps == 0 {
             return Ok(());
         }
-        let prepared = self.begin(work, body, dt)?;
+        let (prepared, start) = self.begin(work, body, dt)?;
+        let passes = &prepared.step;
+        let first = match start {
+            Start::Restart => &passes.after_restart,
+            Start::Change => &passes.after_change,
+            Start::Resume => &None,
+        };
         for step in 0..steps {
-            let first = prepared.step.first.as_ref().filter(|_| step == 0);
-            for pass in first.unwrap_or(&prepared.step.before) {
+            let first = first.as_ref().filter(|_| step == 0);
+            for pass in first.unwrap_or(&passes.before) {
                 pass.record(work);
             }
             for pair in 0..iterations.div_ceil(2) {
@@ -238,6 +266,7 @@ impl<S: Scheme> Stepper<S> {
             prepared.commit.record(work);
         }
         self.clock.record(steps, dt);
+        self.unseen = true;
         body.mark_moved();
         Ok(())
     }
@@ -257,29 +286,21 @@ impl<S: Scheme> Stepper<S> {
             .first()
             .ok_or_else(|| Error::Gpu("the status of the simulation is empty".into()))?;
         self.clock.complete(status.steps);
+        self.unseen = false;
         Ok(*status)
     }
 
-    /// Records fewer iterations where the latest steps needed fewer, more where they ran out.
-    fn adapt(&mut self, body: &Body, completed: bool) -> Result<()> {
+    /// Records fewer iterations where the latest step needed fewer, more where they ran out.
+    fn adapt(&mut self, needed: u32, completed: bool) {
         let most = self.scheme.max_iterations();
-        if most == 0 {
-            return Ok(());
+        if most > 0 {
+            let wanted = if completed {
+                needed + needed / 4 + 4
+            } else {
+                2 * self.iterations
+            };
+            self.iterations = wanted.clamp(1, most);
         }
-        let wanted = if completed {
-            let needed = self
-                .history(body)?
-                .iter()
-                .rev()
-                .take(16)
-                .map(|s| s.iterations)
-                .max();
-            needed.map_or(self.iterations, |n| n + n / 4 + 4)
-        } else {
-            2 * self.iterations
-        };
-        self.iterations = wanted.clamp(1, most);
-        Ok(())
     }
 }
 
@@ -293,7 +314,10 @@ impl<S: Scheme> Solver for Stepper<S> {
     }
 
     fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress> {
-        self.look()?;
+        let mut progress = None;
+        if self.unseen {
+            self.look()?;
+        }
         let end = self.clock.steps() + u64::from(steps);
         while self.clock.steps() < end {
             let before = self.clock.steps();
@@ -302,11 +326,13 @@ impl<S: Scheme> Solver for Stepper<S> {
             let mut work = self.core.gpu.record();
             self.record_steps(&mut work, body, chunk, dt, self.iterations)?;
             work.submit()?;
-            self.poll(body)?;
+            let reached = self.poll(body)?;
             self.clock.settle();
-            self.adapt(body, self.clock.steps() == before + u64::from(chunk))?;
+            let completed = reached.steps == before + u64::from(chunk);
+            self.adapt(reached.last.iterations, completed);
+            progress = Some(reached);
         }
-        self.poll(body)
+        progress.map_or_else(|| self.poll(body), Ok)
     }
 
     fn poll(&mut self, body: &Body) -> Result<Progress> {
@@ -361,9 +387,10 @@ impl Core {
         let velocities = step.velocities.as_ref().unwrap_or(&self.next_velocities);
         let state = body.nodes().array();
         Ok(Prepared {
-            revision: body.revision(),
             dt,
             local_dt,
+            gravity: body.gravity(),
+            revision: body.revision(),
             forces: self.force_pass(body, &self.next_positions, velocities)?,
             check: self.check_pass(0, local_dt)?,
             commit: self
@@ -375,6 +402,14 @@ impl Core {
                 .write(state)
                 .write(&body.velocities)
                 .over(self.nodes)?,
+            restart: [
+                self.gpu
+                    .pass("physics/restart")
+                    .write(&self.status)
+                    .over(1)?,
+                self.force_pass(body, state, &body.velocities)?,
+                self.check_pass(2, local_dt)?,
+            ],
             resume: [
                 self.force_pass(
                     body,

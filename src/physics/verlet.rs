@@ -26,8 +26,9 @@ impl stepper::Scheme for Scheme {
             moves::pass(core, body, "physics/verlet", target, timing.dt, kick)
         };
         Ok(StepPasses {
-            first: Some(vec![pass(0.5 * (timing.before + timing.dt))?]),
             before: vec![pass(timing.dt)?],
+            after_restart: Some(vec![pass(0.5 * timing.dt)?]),
+            after_change: Some(vec![pass(0.5 * (timing.before + timing.dt))?]),
             ..StepPasses::default()
         })
     }

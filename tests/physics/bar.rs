@@ -100,3 +100,48 @@ fn verlet_holds_small_steps_and_stops_large_ones() {
         .unwrap();
     verlet.run(&mut body, 10, 0.001).unwrap();
 }
+
+/// The estimate of the largest stable step, damping and all, is one that holds, and not by far.
+#[test]
+fn the_stable_step_is_stable_and_not_timid() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::paper_bar().unwrap();
+    let damped = |damping_time: f64, damping: f64| Material {
+        damping_time,
+        damping,
+        ..Material::young(1e5)
+    };
+    for material in [damped(0.0, 0.0), damped(1e-3, 0.0), damped(0.0, 0.2)] {
+        for kind in [
+            SolverKind::Explicit,
+            SolverKind::Symplectic,
+            SolverKind::Verlet,
+        ] {
+            let run = |factor: f64| {
+                let mut body = Body::new(&gpu, &mesh, &material).unwrap();
+                let limit = largest_stable_step(body.network(), body.pinned(), kind).unwrap();
+                let pushed: Vec<DVec3> = mesh
+                    .nodes
+                    .iter()
+                    .map(|p| DVec3::new((900.0 * p.y).sin(), (700.0 * p.z).sin(), p.x))
+                    .map(|v| 1e-3 * v)
+                    .collect();
+                body.set_velocities(&pushed).unwrap();
+                let mut stepper = solver(&gpu, &body, kind);
+                (limit, stepper.run(&mut body, 1500, factor * limit))
+            };
+            let undamped = material.damping + material.damping_time == 0.0;
+            if kind == SolverKind::Explicit && undamped {
+                let mut body = Body::new(&gpu, &mesh, &material).unwrap();
+                let limit = largest_stable_step(body.network(), body.pinned(), kind);
+                assert_eq!(limit, Some(0.0));
+                assert!(solver(&gpu, &body, kind).run(&mut body, 1, 1e-4).is_ok());
+                continue;
+            }
+            let (limit, held) = run(0.97);
+            assert!(held.is_ok(), "{kind}, {limit} s: {}", held.unwrap_err());
+            let (limit, broken) = run(if undamped { 1.05 } else { 2.5 });
+            assert!(broken.is_err(), "{kind} holds well beyond {limit} s");
+        }
+    }
+}
