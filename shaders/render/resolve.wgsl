@@ -42,9 +42,11 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
 @fragment
 fn fragment(corner: Corner) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(corner.position.xy);
-    var sum = textureLoad(even, pixel, 0);
+    var sum: vec4<f32>;
     if (corner.last & 1u) == 1u {
         sum = textureLoad(odd, pixel, 0);
+    } else {
+        sum = textureLoad(even, pixel, 0);
     }
     return sum + (1.0 - sum.a) * params.background;
 }

@@ -106,13 +106,22 @@ struct Start {
 
 @fragment
 fn fragment(corner: Corner) -> Start {
+    let pixel = vec2<u32>(corner.position.xy);
+    let ids = corner.ids;
+    var last = vec2(0u, NONE);
+    if !FIRST {
+        last = textureLoad(before, pixel, 0).xy;
+        // Where the layer before found nothing, this one finds nothing; and it is not the same.
+        if last.y == NONE || ids.w == last.y {
+            discard;
+        }
+    }
     let sight = sight_at(params, corner.position.xy);
     let a = off_ray(corner.a, sight);
     let b = off_ray(corner.b, sight);
     let c = off_ray(corner.c, sight);
     let w = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
     let sum = w.x + w.y + w.z;
-    let ids = corner.ids;
     if !(inside(w.x, ids.y, ids.z) && inside(w.y, ids.z, ids.x) && inside(w.z, ids.x, ids.y)) || !(sum > 0.0) {
         discard;
     }
@@ -122,12 +131,9 @@ fn fragment(corner: Corner) -> Start {
         discard;
     }
     if !FIRST {
-        let pixel = vec2<u32>(corner.position.xy);
-        let last = textureLoad(before, pixel, 0).xy;
         let last_depth = bitcast<f32>(last.x);
         let behind = depth < last_depth || (depth == last_depth && ids.w > last.y);
-        // Where the layer before found nothing, this one finds nothing.
-        if last.y == NONE || ids.w == last.y || !behind || textureLoad(gathered, pixel, 0).a > ENOUGH {
+        if !behind || textureLoad(gathered, pixel, 0).a > ENOUGH {
             discard;
         }
         let slot = (corner.layer >> 1u) * 8u;

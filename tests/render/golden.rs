@@ -10,7 +10,7 @@ fn golden(name: &str) -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden")).join(name)
 }
 
-/// Holds a picture against the golden one: root mean square within 1/255, hardly a pixel off.
+/// Holds a picture against the golden one, with what `palpate compare` compares with.
 fn hold(image: &Image, name: &str) {
     let path = golden(name);
     if std::env::var_os("PALPATE_BLESS").is_some() {
@@ -19,31 +19,16 @@ fn hold(image: &Image, name: &str) {
     let folder = tempfile::tempdir().unwrap();
     let drawn = folder.path().join(name);
     image.save(&drawn).unwrap();
-    let (rms, off) = apart(&drawn, &path);
+    let difference = apart(&drawn, &path);
     assert!(
-        rms < 1.0 && off < 0.002,
-        "{name}: rms {rms}, {off} of the bytes differ by more than 3"
+        difference.within(1.0 / 255.0, 6.0 / 255.0),
+        "{name}: {difference}"
     );
 }
 
-/// Root mean square difference of two PNGs in levels, and the share of bytes more than 3 apart.
-fn apart(a: &std::path::Path, b: &std::path::Path) -> (f64, f64) {
-    let open = |p: &std::path::Path| {
-        image::open(p)
-            .unwrap_or_else(|e| panic!("{}: {e}", p.display()))
-            .to_rgba8()
-    };
-    let (a, b) = (open(a), open(b));
-    assert_eq!(a.dimensions(), b.dimensions());
-    let differences: Vec<f64> = a
-        .iter()
-        .zip(b.iter())
-        .map(|(x, y)| f64::from(x.abs_diff(*y)))
-        .collect();
-    let square: f64 = differences.iter().map(|d| d * d).sum();
-    let off = differences.iter().filter(|d| **d > 3.0).count();
-    let n = differences.len() as f64;
-    ((square / n).sqrt(), off as f64 / n)
+fn apart(a: &std::path::Path, b: &std::path::Path) -> Difference {
+    let open = |p: &std::path::Path| Image::open(p).unwrap_or_else(|e| panic!("{e}"));
+    Difference::between(&open(a), &open(b)).unwrap()
 }
 
 #[test]
@@ -89,8 +74,13 @@ fn pictures_are_as_they_were() {
 
 #[test]
 fn another_picture_is_told_apart() {
-    let (rms, off) = apart(&golden("limb-bone.png"), &golden("limb-skin.png"));
-    assert!(rms > 5.0 && off > 0.1, "{rms} {off}");
+    let difference = apart(&golden("limb-bone.png"), &golden("limb-skin.png"));
+    assert!(
+        !difference.within(5.0 / 255.0, 20.0 / 255.0),
+        "{difference}"
+    );
+    let same = apart(&golden("limb-bone.png"), &golden("limb-bone.png"));
+    assert!(same.within(0.0, 0.0), "{same}");
 }
 
 #[test]
