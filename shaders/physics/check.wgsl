@@ -5,8 +5,8 @@
 #import lib/status
 
 struct CheckParams {
-    // 0: a step; 1: forces at the current state, before steps; 2: the same after a change from
-    // outside, which also clears a failure.
+    // 0: a step; 1: forces at the current state, before steps; 2: the same after the state was
+    // changed from outside.
     kind: u32,
     // Workgroups that wrote a partial sum.
     groups: u32,

@@ -1,4 +1,4 @@
-// Forgets a failure and an unfinished solve, after the state was changed from outside.
+// Forgets a failure and an unfinished solve, after something was changed from outside.
 
 #import lib/status
 

@@ -15,6 +15,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Gives every body its own number.
 static BODIES: AtomicU64 = AtomicU64::new(0);
 
+/// Counts what was done to a body from outside.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Revision {
+    /// Changes of positions or velocities.
+    pub state: u64,
+    /// These, and changes of loads and pins.
+    pub any: u64,
+}
+
 /// A mesh made of a material, on the GPU: state, masses, springs, forces.
 ///
 /// Node i of the mesh is item i of every array. Positions and velocities go in and come out in
@@ -39,8 +48,8 @@ pub struct Body {
     pinned: Vec<bool>,
     forces: Vec<[f32; 4]>,
     masses_changed: bool,
-    /// Changes when the state or what acts on it was changed from outside.
-    revision: u64,
+    /// Counts changes of positions and velocities from outside, and changes of any kind.
+    revision: Revision,
 }
 
 impl Body {
@@ -73,7 +82,7 @@ impl Body {
             gravity: DVec3::ZERO,
             forces: zero,
             masses_changed: true,
-            revision: 0,
+            revision: Revision::default(),
         };
         body.flush()?;
         Ok(body)
@@ -106,7 +115,7 @@ impl Body {
             *pinned |= where_(self.network.to_file(*x));
         }
         self.masses_changed = true;
-        self.changed();
+        self.loads_changed();
         self.pinned_count()
     }
 
@@ -125,7 +134,7 @@ impl Body {
             self.pinned[*v as usize] = true;
         }
         self.masses_changed = true;
-        self.changed();
+        self.loads_changed();
         Ok(())
     }
 
@@ -161,7 +170,7 @@ impl Body {
     pub fn unpin_all(&mut self) {
         self.pinned.fill(false);
         self.masses_changed = true;
-        self.changed();
+        self.loads_changed();
     }
 
     /// Which nodes are pinned.
@@ -176,7 +185,7 @@ impl Body {
     /// Sets gravity, m/s² along the file's axes.
     pub fn set_gravity(&mut self, gravity: DVec3) {
         self.gravity = gravity;
-        self.changed();
+        self.loads_changed();
     }
 
     /// Gravity, m/s².
@@ -191,7 +200,7 @@ impl Body {
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
         self.gpu.write_array(&self.external, &self.forces)?;
-        self.changed();
+        self.loads_changed();
         Ok(())
     }
 
@@ -219,7 +228,7 @@ impl Body {
             }
         }
         self.gpu.write_array(&self.external, &self.forces)?;
-        self.changed();
+        self.loads_changed();
         Ok(chosen.len())
     }
 
@@ -280,14 +289,21 @@ impl Body {
         Ok(())
     }
 
-    /// Says that positions, velocities or anything else was changed from outside: the solvers
-    /// start afresh from what they find. Not needed after writing [`Body::force_array`].
+    /// Says that positions or velocities were changed from outside: the solvers start afresh from
+    /// what they find. Not needed after writing [`Body::force_array`].
     pub fn changed(&mut self) {
-        self.revision += 1;
+        self.revision.state += 1;
+        self.revision.any += 1;
         self.nodes.mark_moved();
     }
 
-    pub(super) fn revision(&self) -> u64 {
+    /// What acts on the body has changed, not where it is: schemes that live on their last step
+    /// go on with it.
+    fn loads_changed(&mut self) {
+        self.revision.any += 1;
+    }
+
+    pub(super) fn revision(&self) -> Revision {
         self.revision
     }
 

@@ -9,8 +9,8 @@ use crate::gpu::Recorder;
 ///
 /// Recorded steps run without waiting for the CPU. When one of them fails, the body stays as it
 /// was before that step and all later steps do nothing; [`Solver::poll`] and [`Solver::run`] then
-/// return the error, and the body can still be read and drawn. Changing the body's state from
-/// outside clears a failure.
+/// return the error, and the body can still be read and drawn. Changing the body's state,
+/// loads or pins clears a failure.
 pub trait Solver {
     /// Which solver it is.
     fn kind(&self) -> SolverKind;

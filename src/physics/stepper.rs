@@ -1,5 +1,6 @@
 //! The chain of passes that every solver's step is: propose, weigh, check, commit.
 
+use super::body::Revision;
 use super::guard::gpu_data::Status;
 use super::guard::{Clock, ENERGY_FACTOR, ENERGY_FLOOR, HISTORY, Progress, StepRecord};
 use super::{Body, Damping, Solver, SolverKind};
@@ -135,14 +136,16 @@ struct Prepared {
     dt: f64,
     local_dt: f32,
     gravity: DVec3,
-    /// The state of the body as it was last left or found.
-    revision: u64,
+    /// The body as it was last left or found.
+    revision: Revision,
     step: StepPasses,
     forces: Pass,
     check: Pass,
     commit: Pass,
+    /// Clears a failure.
+    forgive: Pass,
     /// Before the first step on a state that was changed from outside: everything from it.
-    restart: [Pass; 3],
+    restart: [Pass; 2],
     /// Before the first step of any other recording: external forces may have changed.
     resume: [Pass; 2],
 }
@@ -196,9 +199,11 @@ impl<S: Scheme> Stepper<S> {
         let (revision, gravity) = (body.revision(), body.gravity());
         let known = self.prepared.take();
         let mut start = match &known {
-            Some(known) if known.revision == revision => Start::Resume,
+            Some(known) if known.revision.state == revision.state => Start::Resume,
             _ => Start::Restart,
         };
+        // Any change may have mended what failed.
+        let forgive = known.as_ref().is_none_or(|k| k.revision != revision);
         let mut prepared = match known {
             Some(known) if known.dt == dt && known.gravity == gravity => known,
             known => {
@@ -214,6 +219,9 @@ impl<S: Scheme> Stepper<S> {
             }
         };
         prepared.revision = revision;
+        if forgive {
+            prepared.forgive.record(work);
+        }
         let first: &[Pass] = match start {
             Start::Restart => &prepared.restart,
             _ => &prepared.resume,
@@ -402,11 +410,12 @@ impl Core {
                 .write(state)
                 .write(&body.velocities)
                 .over(self.nodes)?,
+            forgive: self
+                .gpu
+                .pass("physics/restart")
+                .write(&self.status)
+                .over(1)?,
             restart: [
-                self.gpu
-                    .pass("physics/restart")
-                    .write(&self.status)
-                    .over(1)?,
                 self.force_pass(body, state, &body.velocities)?,
                 self.check_pass(2, local_dt)?,
             ],

@@ -257,3 +257,46 @@ fn the_default_load_says_what_it_does() {
         "{said}"
     );
 }
+
+/// A caller may set loads before every step: no scheme loses its place by it.
+#[test]
+fn loads_set_anew_every_step_are_the_same_loads() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::paper_bar().unwrap();
+    for kind in SolverKind::ALL {
+        let (steps, h) = if kind == SolverKind::Implicit {
+            (20, 0.01)
+        } else {
+            (200, 2e-4)
+        };
+        let run = |each_step: bool| {
+            let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+            body.pin(|p| p.x < 0.001);
+            body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
+            let pull: Vec<DVec3> = mesh.nodes.iter().map(|p| DVec3::Z * -8.0 * p.x).collect();
+            body.set_forces(&pull).unwrap();
+            let mut stepper = solver(&gpu, &body, kind);
+            if each_step {
+                for _ in 0..steps {
+                    body.set_forces(&pull).unwrap();
+                    body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
+                    body.pin(|_| false);
+                    stepper.step(&mut body, h).unwrap();
+                }
+            } else {
+                stepper.run(&mut body, steps, h).unwrap();
+            }
+            assert_eq!(stepper.poll(&body).unwrap().steps, u64::from(steps));
+            body.positions().unwrap()
+        };
+        let (once, again) = (run(false), run(true));
+        let largest = |a: &[DVec3], b: &[DVec3]| {
+            let apart = a.iter().zip(b).map(|(a, b)| a.distance(*b));
+            apart.fold(0.0, f64::max)
+        };
+        let moved = largest(&once, &mesh.nodes);
+        assert!(moved > 0.01 * 0.12, "{kind}: {moved}");
+        let apart = largest(&once, &again);
+        assert!(apart < 1e-4 * moved, "{kind}: {apart} of {moved}");
+    }
+}
