@@ -11,8 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub const ADAPTER_VARIABLE: &str = "PALPATE_ADAPTER";
 
 /// Features used where the adapter has them; there is a path without each.
-const OPTIONAL_FEATURES: wgpu::Features =
-    wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_FILTERABLE);
+const OPTIONAL_FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
 
 /// A graphics device with what Palpate keeps beside it. Cloning shares the device.
 #[derive(Clone, Debug)]

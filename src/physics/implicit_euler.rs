@@ -92,7 +92,7 @@ impl Default for ConjugateGradients {
         ConjugateGradients {
             tolerance: 1e-3,
             acceptable: 5e-2,
-            max_iterations: 250,
+            max_iterations: 2000,
         }
     }
 }

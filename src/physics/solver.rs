@@ -16,7 +16,8 @@ pub trait Solver {
     fn kind(&self) -> SolverKind;
 
     /// Records `steps` steps of `dt` seconds. To be submitted before anything of `body` is
-    /// changed; long runs are better split (see [`Solver::run`]).
+    /// changed; long runs are better split (see [`Solver::run`]). An implicit step that needs more
+    /// than 256 iterations goes on with those of the next step recorded.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for a step that is not positive or another body than

@@ -40,6 +40,9 @@ use gpu_data::{CheckParams, ForceParams};
 /// Spring visits in one submit: well below a second on the weakest GPU.
 const VISITS: f64 = 5e8;
 
+/// Iterations of a linear solve recorded a step by [`Solver::record`].
+const RECORDED_ITERATIONS: u32 = 256;
+
 /// Dispatches in one submit.
 const DISPATCHES: u32 = 8192;
 
@@ -318,7 +321,8 @@ impl<S: Scheme> Solver for Stepper<S> {
     }
 
     fn record(&mut self, work: &mut Recorder, body: &mut Body, steps: u32, dt: f64) -> Result<()> {
-        self.record_steps(work, body, steps, dt, self.scheme.max_iterations())
+        let iterations = self.scheme.max_iterations().min(RECORDED_ITERATIONS);
+        self.record_steps(work, body, steps, dt, iterations)
     }
 
     fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress> {
