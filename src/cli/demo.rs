@@ -26,7 +26,7 @@ pub struct DemoArguments {
     #[arg(long, default_value_t = 100_000)]
     tets: usize,
     /// Frames of the animation
-    #[arg(long, default_value_t = 30)]
+    #[arg(long, default_value_t = 24)]
     frames: u32,
     /// Picture size in pixels, WIDTHxHEIGHT
     #[arg(long, default_value = "800x600", value_parser = super::flags::size)]
