@@ -254,6 +254,8 @@ fn every_scene_that_ships_is_drawn() {
             "80x60",
             "--steps",
             "2",
+            "--tets",
+            "4000",
             "--out",
             text(&picture),
         ]));
@@ -285,10 +287,15 @@ fn the_demo_leaves_its_pictures_and_series() {
 #[test]
 fn every_example_runs() {
     let folder = folder("examples");
-    let built = Path::new(env!("CARGO_BIN_EXE_palpate"))
-        .parent()
-        .unwrap()
-        .join("examples");
+    let profile = Path::new(env!("CARGO_BIN_EXE_palpate")).parent().unwrap();
+    // `cargo test` has built them already; `cargo test --test cli` alone has not.
+    let build = Command::new(env!("CARGO"))
+        .args(["build", "--examples", "--target-dir"])
+        .arg(profile.parent().unwrap())
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output();
+    stdout(&build.unwrap());
+    let built = profile.join("examples");
     let runs: [(&str, &[&str]); 4] = [
         ("quickstart", &[]),
         ("own_device", &[]),
@@ -300,7 +307,7 @@ fn every_example_runs() {
             .args(arguments)
             .current_dir(&folder)
             .output()
-            .unwrap_or_else(|e| panic!("{example}: {e}; `cargo test` builds the examples"));
+            .unwrap_or_else(|e| panic!("{example}: {e}"));
         stdout(&output);
     }
     for picture in ["quickstart.png", "twist/twist_4.png", "golden.png"] {

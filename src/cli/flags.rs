@@ -73,6 +73,9 @@ pub struct SceneFlags {
     /// What one unit of the mesh file is: m, cm, mm, um, in, or metres as a number
     #[arg(long, help_heading = "Physics", value_parser = unit)]
     pub unit: Option<Unit>,
+    /// About how many tets the scene's generator makes
+    #[arg(long, help_heading = "Mesh")]
+    pub tets: Option<usize>,
     /// Gravity x,y,z in m/s²
     #[arg(long, help_heading = "Physics", value_parser = triple, allow_hyphen_values = true)]
     pub gravity: Option<Triple>,
@@ -121,6 +124,7 @@ impl SceneFlags {
         over(given.density, &mut scene.material.density);
         over(given.damping, &mut scene.material.damping);
         over(given.unit, &mut scene.mesh.unit);
+        over(given.tets, &mut scene.mesh.tets);
         Ok(scene)
     }
 }

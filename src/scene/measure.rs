@@ -117,9 +117,11 @@ impl Stage {
         let target = self.target();
         self.gpu.timings()?;
         self.gpu.time_passes(true);
-        let drawn = self.record_frame(&target);
+        let done = self
+            .run(1, &mut |_| {})
+            .and_then(|()| self.record_frame(&target));
         self.gpu.time_passes(false);
-        drawn?;
+        done?;
         self.gpu.timings()
     }
 

@@ -33,6 +33,8 @@ mod motion;
 mod region;
 mod source;
 mod stage;
+#[cfg(test)]
+mod tests;
 
 pub use measure::{CgReport, StageReport};
 pub use motion::Motion;

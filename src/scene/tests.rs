@@ -1,0 +1,84 @@
+//! What scenes say, and what they may not.
+#![allow(clippy::unwrap_used)]
+
+use super::{Region, Scene, Unit};
+use crate::mesh::{Field, Location, TetMesh, Topology, generate};
+
+#[test]
+fn wrong_entries_are_named_with_their_line() {
+    let error = Scene::parse("[mesh]\nfile = \"a.vtu\"\n[solver]\nnam = \"implicit\"\n");
+    let text = error.unwrap_err().to_string();
+    assert!(text.contains("line 4") && text.contains("nam"), "{text}");
+    let error = Scene::parse("[mesh]\nfile = \"a.vtu\"\n[[force]]\ntotal = [0, 0, -1]\n");
+    assert!(error.unwrap_err().to_string().contains("`on`"));
+}
+
+#[test]
+fn units_are_metres() {
+    let metres = |text: &str| Unit::Name(text.into()).metres();
+    assert_eq!(metres("mm").unwrap(), 1e-3);
+    assert_eq!(Unit::Metres(0.5).metres().unwrap(), 0.5);
+    assert!(
+        metres("furlong")
+            .unwrap_err()
+            .to_string()
+            .contains("furlong")
+    );
+    assert!(Unit::Metres(-1.0).metres().is_err());
+}
+
+#[test]
+fn regions_hold_the_nodes_they_describe() {
+    let bar = generate::paper_bar().unwrap();
+    let nodes = |toml: &str| toml::from_str::<Region>(toml).unwrap().nodes(&bar);
+    let (low, high) = bar.bounds();
+    let end = nodes("axis = \"x\"\nbelow = 0.1").unwrap();
+    assert_eq!(end.len(), 9);
+    assert!(end.iter().all(|v| bar.nodes[*v as usize].x == low.x));
+    let corner = format!("sphere = [{}, {}, {}, 1e-6]", high.x, high.y, high.z);
+    assert_eq!(nodes(&corner).unwrap().len(), 1);
+    let all = format!("box = [{:?}, {:?}]", high.to_array(), low.to_array());
+    assert_eq!(nodes(&all).unwrap().len(), bar.nodes.len());
+    for wrong in [
+        "",
+        "axis = \"x\"",
+        "below = 0.5",
+        "label = 3.0",
+        "sphere = [9, 9, 9, 1]",
+    ] {
+        assert!(nodes(wrong).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn what_is_seen_is_the_first_quantity_or_the_depth() {
+    let mut bar = generate::paper_bar().unwrap();
+    let seen = |bar: &TetMesh, field: Option<&str>| {
+        let mut scene = Scene::default();
+        scene.picture.field = field.map(Into::into);
+        scene.seen(bar, &Topology::new(bar))
+    };
+    let count = bar.nodes.len();
+    let labels = (0..count).map(|i| i as f64).collect();
+    bar.set_field(Field::scalar("medit:ref", Location::Node, labels))
+        .unwrap();
+    bar.set_field(Field::scalar("flat", Location::Node, vec![1.0; count]))
+        .unwrap();
+    let depth = seen(&bar, None).unwrap();
+    assert!(depth.note.is_some() && depth.range.0 == 0.0 && depth.range.1 > 0.0);
+    let heat = bar.nodes.iter().map(|p| 2.0 * p.x).collect();
+    bar.set_field(Field::scalar("heat", Location::Node, heat))
+        .unwrap();
+    assert_eq!(seen(&bar, None).unwrap().name, "heat");
+    // A cell field is seen by the mean around each node.
+    bar.set_field(Field::scalar(
+        "tissue",
+        Location::Cell,
+        vec![3.0; bar.tets.len()],
+    ))
+    .unwrap();
+    let tissue = seen(&bar, Some("tissue")).unwrap();
+    assert!(tissue.values.iter().all(|v| (v - 3.0).abs() < 1e-12));
+    let error = seen(&bar, Some("cold")).unwrap_err().to_string();
+    assert!(error.contains("cold") && error.contains("heat"), "{error}");
+}
