@@ -16,7 +16,7 @@ override FIRST: bool = false;
 override BACK: bool = false;
 // A pixel this opaque needs no further layers.
 override ENOUGH: f32 = 0.9995;
-// By how much faces are enlarged, and at most at a sharp corner, in pixels.
+// By how much the edges of faces are moved out, and how far corners may move with them, in pixels.
 const MARGIN: f32 = 0.02;
 const MOST_MARGIN: f32 = 0.5;
 
@@ -46,15 +46,40 @@ fn in_pixels(p: vec4<f32>) -> vec2<f32> {
     return p.xy / (p.w * params.pixel);
 }
 
-// Where corner p goes, between corners q and r of a counter-clockwise triangle, for its edges to
-// move outwards by the margin.
-fn pushed(p: vec2<f32>, q: vec2<f32>, r: vec2<f32>) -> vec2<f32> {
+// How far corner p moves, between corners q and r of a counter-clockwise triangle, for its edges
+// to move outwards by the margin.
+fn push(p: vec2<f32>, q: vec2<f32>, r: vec2<f32>) -> vec2<f32> {
     let to = q - p;
     let from_ = p - r;
     let n = vec2(to.y, -to.x) * inverseSqrt(max(dot(to, to), 1e-20));
     let m = vec2(from_.y, -from_.x) * inverseSqrt(max(dot(from_, from_), 1e-20));
-    let push = (n + m) * (MARGIN / max(1.0 + dot(n, m), 1e-6));
-    return push * min(1.0, MOST_MARGIN * inverseSqrt(max(dot(push, push), 1e-20)));
+    return (n + m) * (MARGIN / max(1.0 + dot(n, m), 1e-6));
+}
+
+// A triangle that holds all points within the margin of triangle s, counter-clockwise or nearly
+// flat. Where a corner is so sharp that it would move far, a box about the triangle is held
+// instead, in half a box of twice the size: too much is drawn, and the sign tests sort it out.
+fn enlarged(s: array<vec2<f32>, 3>) -> array<vec2<f32>, 3> {
+    let moved = array(push(s[0], s[1], s[2]), push(s[1], s[2], s[0]), push(s[2], s[0], s[1]));
+    let most = max(dot(moved[0], moved[0]), max(dot(moved[1], moved[1]), dot(moved[2], moved[2])));
+    if most <= MOST_MARGIN * MOST_MARGIN {
+        return array(s[0] + moved[0], s[1] + moved[1], s[2] + moved[2]);
+    }
+    var longest = s[1] - s[0];
+    for (var k = 1u; k < 3u; k++) {
+        let edge = s[(k + 1u) % 3u] - s[k];
+        if dot(edge, edge) > dot(longest, longest) {
+            longest = edge;
+        }
+    }
+    let along = select(vec2(1.0, 0.0), longest * inverseSqrt(dot(longest, longest)), dot(longest, longest) > 1e-20);
+    let across = vec2(-along.y, along.x);
+    let u = vec3(0.0, dot(s[1] - s[0], along), dot(s[2] - s[0], along));
+    let v = vec3(0.0, dot(s[1] - s[0], across), dot(s[2] - s[0], across));
+    let low = vec2(min(u.x, min(u.y, u.z)), min(v.x, min(v.y, v.z))) - MARGIN;
+    let size = 2.0 * (vec2(max(u.x, max(u.y, u.z)), max(v.x, max(v.y, v.z))) + MARGIN - low);
+    let corner = s[0] + low.x * along + low.y * across;
+    return array(corner, corner + size.x * along, corner + size.y * across);
 }
 
 @vertex
@@ -85,8 +110,9 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
             // Clearly turned away: out of sight.
             position = vec4(0.0, 0.0, 2.0, 1.0);
         } else {
-            let push = pushed(s[k], s[(k + 1u) % 3u], s[(k + 2u) % 3u]);
-            position = vec4(position.xy + push * params.pixel * position.w, position.zw);
+            // Depth is each fragment's own.
+            let corners = enlarged(s);
+            position = vec4(corners[k] * params.pixel, 0.5, 1.0);
         }
     }
     return Corner(position, q[0], q[1], q[2], face, layer);
