@@ -58,15 +58,18 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         u64::from(arguments.frames),
         |bar| -> palpate::Result<()> {
             for frame in 0..=arguments.frames {
-                if frame > 0 {
-                    stage.run(steps, &mut |_| {})?;
-                }
+                let moved = match frame {
+                    0 => Ok(()),
+                    _ => stage.run(steps, &mut |_| {}),
+                };
+                // Also when the simulation failed: its last good state is the last frame.
                 if !arguments.no_pictures {
                     draw(&mut stage, &arguments.out, &name, frame)?;
                 }
                 if let Some(series) = &mut series {
                     stage.push(series)?;
                 }
+                moved?;
                 bar.set_position(u64::from(frame));
             }
             Ok(())
@@ -95,7 +98,12 @@ fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
         |bar| -> palpate::Result<()> {
             for (i, frame) in frames.iter().enumerate() {
                 let mesh = io::read(&frame.file)?;
-                stage.pose(&mesh.nodes)?;
+                stage.pose(&mesh.nodes).map_err(|e| {
+                    palpate::Error::format(
+                        &frame.file,
+                        format!("is no frame of the same mesh: {e}"),
+                    )
+                })?;
                 draw(&mut stage, &arguments.out, &name, i as u32)?;
                 bar.inc(1);
             }

@@ -130,6 +130,8 @@ pub struct MaterialEntry {
     pub young: Option<f64>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
+    /// A node field of factors on the stiffness.
+    pub stiffness_field: Option<String>,
     /// Density in kg/m³.
     pub density: Option<f64>,
     /// Damping κ_d of each spring, in N·s/m.

@@ -136,6 +136,7 @@ impl MaterialEntry {
             },
             (None, None) => Material::soft_tissue(),
         };
+        material.node_field = self.stiffness_field.clone();
         if let Some(density) = self.density {
             material.density = density;
         }
