@@ -11,9 +11,11 @@ pub mod error;
 pub mod gpu;
 pub mod io;
 pub mod mesh;
+pub mod mesher;
 pub mod physics;
 pub mod reference;
 pub mod render;
 pub mod scene;
+pub mod volume;
 
 pub use error::{Error, Result};

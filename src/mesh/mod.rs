@@ -12,6 +12,7 @@ mod order;
 mod quality;
 mod repair;
 mod topology;
+mod tri_mesh;
 
 pub use boundary::{BoundaryShape, components};
 pub use describe::{Description, FieldDescription};
@@ -24,9 +25,11 @@ pub use quality::{
 };
 pub use repair::Repairs;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
+pub use tri_mesh::TriMesh;
 
 use crate::{Error, Result};
 use glam::DVec3;
+use std::collections::BTreeMap;
 
 /// A tetrahedral mesh with fields, in the units of the file it came from.
 ///
@@ -41,6 +44,10 @@ pub struct TetMesh {
     pub tets: Vec<[u32; 4]>,
     /// Fields at the nodes and in the tets, by name.
     pub fields: Vec<Field>,
+    /// Names of the regions, by their value in the cell field `label`, where they are known.
+    pub region_names: BTreeMap<i64, String>,
+    /// Metres in one unit of the mesh, where it is known.
+    pub length_unit: Option<f64>,
     /// What was repaired, dropped or noticed when the mesh was made.
     pub repairs: Repairs,
 }

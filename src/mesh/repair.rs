@@ -46,6 +46,7 @@ impl TetMesh {
                 warnings,
                 ..Repairs::default()
             },
+            ..TetMesh::default()
         };
         for field in fields {
             mesh.set_field(field)?;
