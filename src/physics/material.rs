@@ -24,6 +24,15 @@ pub enum Damping {
     Relative,
 }
 
+/// What the tets of one region are made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RegionMaterial {
+    /// In place of the number in [`Material::stiffness`]: Pa or N/m, as that is.
+    pub stiffness: f64,
+    /// Mass per volume, kg/m³.
+    pub density: f64,
+}
+
 /// What a body is made of, and in which unit its mesh is given.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
@@ -40,8 +49,8 @@ pub struct Material {
     pub damping_kind: Damping,
     /// A cell field whose values are labels of regions; see [`Material::regions`].
     pub region_field: Option<String>,
-    /// Factor on the stiffness of the tets of each label; 1 for labels not named.
-    pub regions: BTreeMap<i64, f64>,
+    /// What the tets of some labels are made of instead.
+    pub regions: BTreeMap<i64, RegionMaterial>,
     /// A node field of factors on the stiffness; a spring takes the mean of its two ends.
     pub node_field: Option<String>,
     /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
@@ -134,15 +143,19 @@ impl Material {
                 )));
             }
         }
-        match self
-            .regions
-            .iter()
-            .find(|(_, f)| !f.is_finite() || **f < 0.0)
-        {
-            Some((label, factor)) => Err(Error::Input(format!(
-                "material: region {label} has the stiffness factor {factor}; give a finite positive number"
-            ))),
-            None => Ok(()),
+        for (label, region) in &self.regions {
+            let numbers = [
+                ("stiffness", region.stiffness, region.stiffness >= 0.0),
+                ("density", region.density, region.density > 0.0),
+            ];
+            for (name, value, fits) in numbers {
+                if !value.is_finite() || !fits {
+                    return Err(Error::Input(format!(
+                        "material: a {name} of {value} in region {label} makes no sense; give a finite positive number"
+                    )));
+                }
+            }
         }
+        Ok(())
     }
 }

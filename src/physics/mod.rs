@@ -21,6 +21,7 @@ mod solver;
 mod stability;
 mod stepper;
 mod symplectic_euler;
+mod tissue;
 #[cfg(test)]
 mod twin_tests;
 mod units;
@@ -31,13 +32,14 @@ pub use body::Body;
 pub use guard::{Progress, StepRecord};
 pub use implicit_euler::ConjugateGradients;
 pub use kind::SolverKind;
-pub use material::{Damping, Material, Stiffness};
+pub use material::{Damping, Material, RegionMaterial, Stiffness};
 pub use network::{Spring, SpringNetwork};
 pub use nodes::Nodes;
 pub use report::{Energy, Report};
 pub use solver::Solver;
 pub use stability::largest_stable_step;
 pub use stepper::Stepper;
+pub use tissue::{TISSUES, Tissue};
 pub use units::Units;
 
 /// Explicit Euler: x' = x + h v, v' = v + h a. Never stable without damping.

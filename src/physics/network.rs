@@ -1,7 +1,7 @@
 //! The particles and springs of a body, in float64 and SI units: what the GPU's arrays are made
 //! from, and what the reference steps.
 
-use super::material::{Damping, Material, Stiffness};
+use super::material::{Damping, Material, RegionMaterial, Stiffness};
 use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -54,10 +54,11 @@ impl SpringNetwork {
             .into_par_iter()
             .map(|t| mesh.tet_volume(t).abs() * unit.powi(3))
             .collect();
+        let made_of = made_of(mesh, material)?;
         let mut masses = vec![0.0; mesh.nodes.len()];
-        for (tet, volume) in mesh.tets.iter().zip(&volumes) {
+        for (t, (tet, volume)) in mesh.tets.iter().zip(&volumes).enumerate() {
             for v in tet {
-                masses[*v as usize] += material.density * volume / 4.0;
+                masses[*v as usize] += made_of(t).density * volume / 4.0;
             }
         }
         let rest: Vec<DVec3> = mesh
@@ -70,7 +71,7 @@ impl SpringNetwork {
                 "the masses of this mesh overflow with a length unit of {unit} m; is that the mesh's unit?"
             )));
         }
-        let springs = springs(mesh, material, &rest, &volumes)?;
+        let springs = springs(mesh, material, &made_of, &rest, &volumes)?;
         Ok(SpringNetwork {
             rest,
             masses,
@@ -103,10 +104,10 @@ impl SpringNetwork {
 fn springs(
     mesh: &TetMesh,
     material: &Material,
+    made_of: &(impl Fn(usize) -> RegionMaterial + Sync),
     rest: &[DVec3],
     volumes: &[f64],
 ) -> Result<Vec<Spring>> {
-    let tet_factors = tet_factors(mesh, material)?;
     let node_factors = match &material.node_field {
         Some(name) => Some(scalar_field(mesh, name, Location::Node)?),
         None => None,
@@ -128,13 +129,13 @@ fn springs(
         let (mut volume, mut weighted) = (0.0, 0.0);
         for (_, t) in tets.iter() {
             volume += volumes[*t as usize];
-            weighted += volumes[*t as usize] * tet_factors.as_ref().map_or(1.0, |f| f[*t as usize]);
+            weighted += volumes[*t as usize] * made_of(*t as usize).stiffness;
         }
         let stiffness = match material.stiffness {
             // A zero-length edge has no direction to resist in.
             Stiffness::Young(_) if length * length <= f64::MIN_POSITIVE => 0.0,
-            Stiffness::Young(e) => e * weighted / (length * length),
-            Stiffness::Uniform(k) if volume > 0.0 => k * weighted / volume,
+            Stiffness::Young(_) => weighted / (length * length),
+            Stiffness::Uniform(_) if volume > 0.0 => weighted / volume,
             Stiffness::Uniform(k) => k,
         };
         let node_factor = node_factors.as_ref().map_or(1.0, |f| 0.5 * (f[i] + f[j]));
@@ -157,20 +158,22 @@ fn springs(
     }
 }
 
-/// Stiffness factor of each tet, by its region.
-fn tet_factors(mesh: &TetMesh, material: &Material) -> Result<Option<Vec<f64>>> {
-    let Some(name) = &material.region_field else {
-        return Ok(None);
+/// What each tet is made of, by its region.
+fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> RegionMaterial> {
+    let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = material.stiffness;
+    let rest = RegionMaterial {
+        stiffness,
+        density: material.density,
     };
-    let labels = scalar_field(mesh, name, Location::Cell)?;
-    let factor = |label: &f64| {
-        material
-            .regions
-            .get(&(label.round() as i64))
-            .copied()
-            .unwrap_or(1.0)
+    let labels = match &material.region_field {
+        Some(name) => Some(scalar_field(mesh, name, Location::Cell)?),
+        None => None,
     };
-    Ok(Some(labels.iter().map(factor).collect()))
+    Ok(move |t: usize| {
+        let label = labels.map(|labels| labels[t].round() as i64);
+        let region = label.and_then(|label| material.regions.get(&label));
+        region.copied().unwrap_or(rest)
+    })
 }
 
 fn scalar_field<'a>(mesh: &'a TetMesh, name: &str, location: Location) -> Result<&'a [f64]> {

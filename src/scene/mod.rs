@@ -8,6 +8,7 @@
 //!
 //! [material]
 //! young = 2e4             # Pa; or stiffness = 3000 (N/m, every spring alike)
+//! bone = ["femur", 6]     # regions made of a tissue, by name or label: published values
 //!
 //! [solver]
 //! name = "implicit"
@@ -28,6 +29,7 @@
 //! size = [1024, 768]
 //! ```
 
+mod material;
 mod measure;
 mod motion;
 mod region;
@@ -36,15 +38,15 @@ mod stage;
 #[cfg(test)]
 mod tests;
 
+pub use material::{MaterialEntry, TissueEntry, TissueTable};
 pub use measure::{CgReport, StageReport};
 pub use motion::Motion;
-pub use region::{Axis, Region};
+pub use region::{Axis, LabelOrName, Region};
 pub use source::Seen;
 pub use stage::Stage;
 
 use crate::{Error, Result};
 use serde::Deserialize;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Everything needed to make a picture or a series; see the [module](self) for the file.
@@ -83,7 +85,8 @@ pub struct MeshSource {
     pub generate: Option<String>,
     /// About how many tets the generator makes.
     pub tets: Option<usize>,
-    /// What one unit of the mesh is: `m` (the default), `cm`, `mm`, `um`, or a number of metres.
+    /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
+    /// file says by default, or else `m`.
     pub unit: Option<Unit>,
 }
 
@@ -120,27 +123,6 @@ impl Unit {
             },
         }
     }
-}
-
-/// What the body is made of. Stiffness is Young's modulus unless `stiffness` is given.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MaterialEntry {
-    /// Young's modulus in Pa, at ν = ¼.
-    pub young: Option<f64>,
-    /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
-    pub stiffness: Option<f64>,
-    /// A node field of factors on the stiffness.
-    pub stiffness_field: Option<String>,
-    /// Density in kg/m³.
-    pub density: Option<f64>,
-    /// Damping κ_d of each spring, in N·s/m.
-    pub damping: Option<f64>,
-    /// `axial` or `relative` (the paper's).
-    pub damping_kind: Option<String>,
-    /// Young's modulus by tissue: value of the cell field `label` → Pa.
-    #[serde(default)]
-    pub young_of_label: BTreeMap<String, f64>,
 }
 
 /// How the body moves.

@@ -1,13 +1,13 @@
 //! From a scene's material, solver, pins and forces to a body that moves.
 
-use super::{MaterialEntry, Scene};
+use super::Scene;
+use crate::Result;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::{
-    Body, ConjugateGradients, Damping, ImplicitEuler, Material, Progress, Report, Solver,
-    SolverKind, SpringNetwork, Stiffness, largest_stable_step,
+    Body, ConjugateGradients, ImplicitEuler, Material, Progress, Report, Solver, SolverKind,
+    SpringNetwork, largest_stable_step,
 };
-use crate::{Error, Result};
 use glam::DVec3;
 
 /// Gravity where a scene does not say, in m/s².
@@ -44,6 +44,7 @@ impl Motion {
     ) -> Result<(Motion, Vec<String>)> {
         let mut notes = Vec::new();
         let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        let unit = unit.or(mesh.length_unit);
         let (low, high) = mesh.bounds();
         let length = (high - low).max_element();
         if unit.is_none() && length > REMARKABLE_LENGTH {
@@ -51,7 +52,8 @@ impl Motion {
                 "one unit of the mesh is taken to be a metre, so the body is {length:.3} m long; --unit mm (or cm) says otherwise"
             ));
         }
-        let mut material = scene.material.material(mesh)?;
+        let (mut material, said) = scene.material.material(mesh)?;
+        notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);
         if scene.material.damping.is_none() && kind != SolverKind::Implicit {
             notes.extend(lighten_damping(&mut material, mesh, kind)?);
@@ -113,72 +115,6 @@ impl Motion {
     /// What reading back gives.
     pub fn report(&self, mesh: &TetMesh) -> Result<Report> {
         Report::new(&self.body, mesh)
-    }
-}
-
-impl MaterialEntry {
-    /// The material; what is not said is as in [`Material::soft_tissue`].
-    fn material(&self, mesh: &TetMesh) -> Result<Material> {
-        let mut material = match (self.young, self.stiffness) {
-            (Some(_), Some(_)) => {
-                return Err(Error::Input(
-                    "the material has both `young` and `stiffness`; give one of them".into(),
-                ));
-            }
-            (None, Some(kappa)) => Material {
-                stiffness: Stiffness::Uniform(kappa),
-                damping_time: 0.0,
-                ..Material::soft_tissue()
-            },
-            (Some(young), None) => Material {
-                stiffness: Stiffness::Young(young),
-                ..Material::soft_tissue()
-            },
-            (None, None) => Material::soft_tissue(),
-        };
-        material.node_field = self.stiffness_field.clone();
-        if let Some(density) = self.density {
-            material.density = density;
-        }
-        if let Some(damping) = self.damping {
-            material.damping = damping;
-            material.damping_time = 0.0;
-        }
-        material.damping_kind = match self.damping_kind.as_deref() {
-            None => Damping::default(),
-            Some("axial") => Damping::Axial,
-            Some("relative") => Damping::Relative,
-            Some(other) => {
-                return Err(Error::Input(format!(
-                    "damping kind \"{other}\" is not known; use axial or relative"
-                )));
-            }
-        };
-        if !self.young_of_label.is_empty() {
-            self.add_regions(mesh, &mut material)?;
-        }
-        Ok(material)
-    }
-
-    fn add_regions(&self, mesh: &TetMesh, material: &mut Material) -> Result<()> {
-        let Stiffness::Young(young) = material.stiffness else {
-            return Err(Error::Input(
-                "young_of_label goes with `young`, not with `stiffness`".into(),
-            ));
-        };
-        if !mesh.fields.iter().any(|f| f.name == "label") {
-            return Err(Error::Input(
-                "young_of_label needs a cell field called `label`, which the mesh has not".into(),
-            ));
-        }
-        material.region_field = Some("label".into());
-        for (label, modulus) in &self.young_of_label {
-            let number = label.parse().map_err(|_| {
-                Error::Input(format!("young_of_label: \"{label}\" is not a whole number"))
-            })?;
-            material.regions.insert(number, modulus / young);
-        }
-        Ok(())
     }
 }
 

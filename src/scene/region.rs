@@ -20,8 +20,49 @@ pub struct Region {
     pub below: Option<f64>,
     /// Above this fraction of the bounds along `axis`, 0..1.
     pub above: Option<f64>,
-    /// Corners of tets whose cell field `label` has this value.
-    pub label: Option<f64>,
+    /// Corners of the tets of this region.
+    pub label: Option<LabelOrName>,
+}
+
+/// A region of a mesh: the value of the cell field `label`, or the name it has in the mesh.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "a region is named by a whole number or by its name"
+)]
+#[allow(missing_docs)]
+pub enum LabelOrName {
+    Label(i64),
+    Name(String),
+}
+
+impl LabelOrName {
+    /// The label, looked up in the names of the mesh's regions.
+    ///
+    /// # Errors
+    /// [`Error::Input`] listing the names there are.
+    pub fn label(&self, mesh: &TetMesh) -> Result<i64> {
+        let name = match self {
+            LabelOrName::Label(label) => return Ok(*label),
+            LabelOrName::Name(name) => name,
+        };
+        let found = mesh
+            .region_names
+            .iter()
+            .find(|(_, known)| known.eq_ignore_ascii_case(name));
+        found.map(|(label, _)| *label).ok_or_else(|| {
+            let names: Vec<&str> = mesh.region_names.values().map(String::as_str).collect();
+            Error::Input(match names.as_slice() {
+                [] => format!(
+                    "there is no region called \"{name}\": the mesh's regions have no names; give the label, a whole number"
+                ),
+                _ => format!(
+                    "there is no region called \"{name}\"; there are {}",
+                    names.join(", ")
+                ),
+            })
+        })
+    }
 }
 
 /// A coordinate axis.
@@ -42,7 +83,10 @@ impl Region {
     pub fn nodes(&self, mesh: &TetMesh) -> Result<Vec<u32>> {
         self.check()?;
         let bounds = mesh.bounds();
-        let labelled = self.label.map(|l| labelled_nodes(mesh, l)).transpose()?;
+        let labelled = match &self.label {
+            Some(label) => Some(labelled_nodes(mesh, label.label(mesh)?)?),
+            None => None,
+        };
         let nodes: Vec<u32> = (0..mesh.nodes.len())
             .filter(|i| self.holds(mesh.nodes[*i], bounds))
             .filter(|i| labelled.as_ref().is_none_or(|l| l[*i]))
@@ -91,7 +135,7 @@ impl Region {
     }
 }
 
-fn labelled_nodes(mesh: &TetMesh, label: f64) -> Result<Vec<bool>> {
+fn labelled_nodes(mesh: &TetMesh, label: i64) -> Result<Vec<bool>> {
     let field = mesh.field("label", Location::Cell).ok_or_else(|| {
         Error::Input(
             "a region by label needs a cell field called `label`, which the mesh has not".into(),
@@ -99,7 +143,7 @@ fn labelled_nodes(mesh: &TetMesh, label: f64) -> Result<Vec<bool>> {
     })?;
     let mut chosen = vec![false; mesh.nodes.len()];
     for (tet, value) in mesh.tets.iter().zip(&field.values) {
-        if *value == label {
+        if *value == label as f64 {
             for v in tet {
                 chosen[*v as usize] = true;
             }

@@ -43,7 +43,7 @@ fn regions_hold_the_nodes_they_describe() {
         "",
         "axis = \"x\"",
         "below = 0.5",
-        "label = 3.0",
+        "label = 3",
         "sphere = [9, 9, 9, 1]",
     ] {
         assert!(nodes(wrong).is_err(), "{wrong}");
@@ -81,4 +81,62 @@ fn what_is_seen_is_the_first_quantity_or_the_depth() {
     assert!(tissue.values.iter().all(|v| (v - 3.0).abs() < 1e-12));
     let error = seen(&bar, Some("cold")).unwrap_err().to_string();
     assert!(error.contains("cold") && error.contains("heat"), "{error}");
+}
+
+/// A bar whose tets have the labels 1 (bone), 2 (knee cartilage) and 7 (no name) in turn.
+fn labelled_bar() -> TetMesh {
+    let mut bar = generate::paper_bar().unwrap();
+    let labels = (0..bar.tets.len())
+        .map(|t| [1.0, 2.0, 7.0][t % 3])
+        .collect();
+    bar.set_field(Field::scalar("label", Location::Cell, labels))
+        .unwrap();
+    bar.region_names = [
+        (1, "Femur bone".to_owned()),
+        (2, "knee cartilage".to_owned()),
+    ]
+    .into();
+    bar
+}
+
+#[test]
+fn regions_are_made_of_tissues() {
+    let bar = labelled_bar();
+    let material = |toml: &str| {
+        let entry = Scene::parse(&format!("mesh = {{}}\n[material]\n{toml}"))?.material;
+        entry.material(&bar)
+    };
+    let (made, notes) =
+        material("bone = [1]\ncartilage = {}\nglue = { regions = [7], young = 5 }").unwrap();
+    let stiffness = |label| made.regions[&label].stiffness;
+    assert_eq!((stiffness(1), stiffness(2), stiffness(7)), (17e9, 6e5, 5.0));
+    assert_eq!(made.regions[&1].density, 1920.0);
+    assert!(
+        notes.iter().any(|n| n.contains("Femur bone (1) is bone")),
+        "{notes:?}"
+    );
+    let (made, _) =
+        material("young = 1e3\ncontrast = 50\nbone = { regions = [\"femur bone\"], density = 9 }")
+            .unwrap();
+    assert_eq!(
+        (made.regions[&1].stiffness, made.regions[&1].density),
+        (5e4, 9.0)
+    );
+    for (wrong, part) in [
+        ("bone = 3", "`bone` is neither a setting"),
+        ("yuong = 3", "`yuong` is neither a setting"),
+        ("glue = [1]", "needs `young`"),
+        ("liver = {}", "Femur bone, knee cartilage"),
+        ("bone = [\"hip\"]", "Femur bone, knee cartilage"),
+        ("bone = [1]\nfat = [1]", "two tissues"),
+        ("bone = { regions = [1], mass = 2 }", "`bone`"),
+        ("stiffness = 3\nbone = [1]", "not with `stiffness`"),
+        ("contrast = 0.5\nbone = [1]", "contrast"),
+    ] {
+        let error = material(wrong).unwrap_err().to_string();
+        assert!(error.contains(part), "{wrong}: {error}");
+    }
+    let pinned = toml::from_str::<Region>("label = \"femur bone\"").unwrap();
+    let by_number = toml::from_str::<Region>("label = 1").unwrap();
+    assert_eq!(pinned.nodes(&bar).unwrap(), by_number.nodes(&bar).unwrap());
 }

@@ -5,7 +5,9 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Field, Location, TetMesh, generate};
-use palpate::physics::{Body, Material, Report, SolverKind, SpringNetwork, Stiffness};
+use palpate::physics::{
+    Body, Material, RegionMaterial, Report, SolverKind, SpringNetwork, Stiffness,
+};
 use palpate::reference::springs::Particles;
 
 /// Strain along x of the middle half of a beam pulled by `stress` at its end.
@@ -161,13 +163,21 @@ fn regions_and_node_fields_scale_the_stiffness() {
         .unwrap();
     let springs = |material: &Material| SpringNetwork::new(&mesh, material).unwrap().springs;
     for stiffness in [Stiffness::Young(1e5), Stiffness::Uniform(3e3)] {
+        let (Stiffness::Young(value) | Stiffness::Uniform(value)) = stiffness;
         let plain = Material {
             stiffness,
             ..Material::young(1.0)
         };
         let regions = Material {
             region_field: Some("tissue".into()),
-            regions: [(1, 10.0)].into(),
+            regions: [(
+                1,
+                RegionMaterial {
+                    stiffness: 10.0 * value,
+                    density: 500.0,
+                },
+            )]
+            .into(),
             ..plain.clone()
         };
         let by_node = Material {
@@ -175,6 +185,12 @@ fn regions_and_node_fields_scale_the_stiffness() {
             ..plain.clone()
         };
         let base = springs(&plain);
+        let mass = |material: &Material| -> f64 {
+            let network = SpringNetwork::new(&mesh, material).unwrap();
+            network.masses.iter().sum()
+        };
+        // Half of the bar is of the region, which is half as dense.
+        assert!((mass(&regions) / mass(&plain) - 0.75).abs() < 1e-9);
         for (a, b) in base.iter().zip(springs(&regions)) {
             let [i, j] = a.nodes.map(|v| mesh.nodes[v as usize].x);
             let factor = b.stiffness / a.stiffness;

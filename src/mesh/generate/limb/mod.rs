@@ -108,7 +108,13 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
             ..Field::scalar("label", Location::Cell, label)
         },
     ];
-    TetMesh::new(nodes, tets, fields, Vec::new())
+    let mut mesh = TetMesh::new(nodes, tets, fields, Vec::new())?;
+    mesh.region_names = TISSUES
+        .iter()
+        .map(|t| (i64::from(t.label), t.name.to_owned()))
+        .collect();
+    mesh.length_unit = Some(1.0);
+    Ok(mesh)
 }
 
 /// The mesh of the whole phantom on a lattice of the given step.

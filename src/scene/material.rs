@@ -1,0 +1,284 @@
+//! From a scene's `[material]` to what the body is made of.
+
+use super::region::LabelOrName;
+use crate::mesh::{Location, TetMesh};
+use crate::physics::{Damping, Material, RegionMaterial, Stiffness, Tissue};
+use crate::{Error, Result};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+use std::collections::BTreeMap;
+
+/// What the body is made of. Stiffness is Young's modulus unless `stiffness` is given.
+///
+/// Any other entry names a tissue, and which regions of the mesh are made of it:
+///
+/// ```toml
+/// [material]
+/// young = 3e4                        # what no tissue is named for
+/// bone = ["femur", "tibia", 7]       # regions by name, or by the value of the field `label`
+///
+/// [material.cartilage]               # every region with "cartilage" in its name
+/// young = 1e6                        # in place of the published value
+/// ```
+///
+/// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct MaterialEntry {
+    /// Young's modulus in Pa, at ν = ¼.
+    pub young: Option<f64>,
+    /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
+    pub stiffness: Option<f64>,
+    /// A node field of factors on the stiffness.
+    pub stiffness_field: Option<String>,
+    /// Density in kg/m³.
+    pub density: Option<f64>,
+    /// Damping κ_d of each spring, in N·s/m.
+    pub damping: Option<f64>,
+    /// `axial` or `relative` (the paper's).
+    pub damping_kind: Option<String>,
+    /// Tissues are made at most this many times stiffer than the softest: implicit steps take
+    /// longer the further apart stiffnesses are, and beyond some hundreds no eye sees the
+    /// difference.
+    pub contrast: Option<f64>,
+    /// Tissues by name.
+    #[serde(flatten, deserialize_with = "tissues")]
+    pub tissues: Tissues,
+}
+
+type Tissues = BTreeMap<String, TissueEntry>;
+
+/// A tissue and the regions that are made of it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young` and `density`"
+)]
+pub enum TissueEntry {
+    /// Regions by label or name.
+    Regions(Vec<LabelOrName>),
+    /// Regions, and values of one's own.
+    Table(TissueTable),
+}
+
+/// A tissue with values of one's own.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TissueTable {
+    /// Regions by label or name; without them, those that have the tissue's name in theirs.
+    pub regions: Option<Vec<LabelOrName>>,
+    /// Young's modulus in Pa.
+    pub young: Option<f64>,
+    /// Density in kg/m³.
+    pub density: Option<f64>,
+}
+
+/// The tissues, with the name of the one that is wrong in the error.
+fn tissues<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<Tissues, D::Error> {
+    BTreeMap::<String, toml::Value>::deserialize(from)?
+        .into_iter()
+        .map(|(name, value)| match TissueEntry::deserialize(value) {
+            Ok(entry) => Ok((name, entry)),
+            Err(e) => Err(D::Error::custom(format!("`{name}` is {e}"))),
+        })
+        .collect()
+}
+
+impl MaterialEntry {
+    /// The material, and in words what each region is made of; what is not said is as in
+    /// [`Material::soft_tissue`].
+    pub(super) fn material(&self, mesh: &TetMesh) -> Result<(Material, Vec<String>)> {
+        let mut material = match (self.young, self.stiffness) {
+            (Some(_), Some(_)) => {
+                return Err(Error::Input(
+                    "the material has both `young` and `stiffness`; give one of them".into(),
+                ));
+            }
+            (None, Some(kappa)) => Material {
+                stiffness: Stiffness::Uniform(kappa),
+                damping_time: 0.0,
+                ..Material::soft_tissue()
+            },
+            (Some(young), None) => Material {
+                stiffness: Stiffness::Young(young),
+                ..Material::soft_tissue()
+            },
+            (None, None) => Material::soft_tissue(),
+        };
+        material.node_field = self.stiffness_field.clone();
+        if let Some(density) = self.density {
+            material.density = density;
+        }
+        if let Some(damping) = self.damping {
+            material.damping = damping;
+            material.damping_time = 0.0;
+        }
+        material.damping_kind = match self.damping_kind.as_deref() {
+            None => Damping::default(),
+            Some("axial") => Damping::Axial,
+            Some("relative") => Damping::Relative,
+            Some(other) => {
+                return Err(Error::Input(format!(
+                    "damping kind \"{other}\" is not known; use axial or relative"
+                )));
+            }
+        };
+        let notes = self.add_tissues(mesh, &mut material)?;
+        Ok((material, notes))
+    }
+
+    fn add_tissues(&self, mesh: &TetMesh, material: &mut Material) -> Result<Vec<String>> {
+        if self.tissues.is_empty() {
+            return Ok(Vec::new());
+        }
+        if self.stiffness.is_some() {
+            return Err(Error::Input(
+                "tissues have a Young's modulus, so they go with `young`, not with `stiffness`"
+                    .into(),
+            ));
+        }
+        let Some(labels) = mesh.field("label", Location::Cell) else {
+            return Err(Error::Input(
+                "tissues need a cell field called `label`, which the mesh has not".into(),
+            ));
+        };
+        material.region_field = Some(labels.name.clone());
+        let mut made = Vec::new();
+        for (name, entry) in &self.tissues {
+            let (chosen, region) = entry.resolve(name, mesh, self)?;
+            for label in chosen {
+                if material.regions.insert(label, region).is_some() {
+                    return Err(Error::Input(format!(
+                        "region {} is made of two tissues, \"{name}\" and another; name it once",
+                        described(mesh, label)
+                    )));
+                }
+                made.push((label, name));
+            }
+        }
+        let rest = labels
+            .values
+            .iter()
+            .any(|l| !material.regions.contains_key(&(l.round() as i64)));
+        self.limit_contrast(material, rest)?;
+        Ok(made
+            .iter()
+            .map(|(label, name)| {
+                let region = material.regions[label];
+                format!(
+                    "{} is {name}: {:.3e} Pa, {} kg/m³",
+                    described(mesh, *label),
+                    region.stiffness,
+                    region.density
+                )
+            })
+            .collect())
+    }
+
+    /// Lowers what is more than `contrast` times as stiff as the softest region; `rest` says
+    /// whether some tets are of the material itself.
+    fn limit_contrast(&self, material: &mut Material, rest: bool) -> Result<()> {
+        let Some(contrast) = self.contrast else {
+            return Ok(());
+        };
+        if !contrast.is_finite() || contrast < 1.0 {
+            return Err(Error::Input(format!(
+                "contrast = {contrast}: the stiffest over the softest tissue, a number from 1 on, is expected"
+            )));
+        }
+        let own = match material.stiffness {
+            Stiffness::Young(young) if rest => young,
+            _ => f64::INFINITY,
+        };
+        let softest = material
+            .regions
+            .values()
+            .map(|r| r.stiffness)
+            .fold(own, f64::min);
+        for region in material.regions.values_mut() {
+            region.stiffness = region.stiffness.min(contrast * softest);
+        }
+        if let Stiffness::Young(young) = &mut material.stiffness {
+            *young = young.min(contrast * softest);
+        }
+        Ok(())
+    }
+}
+
+impl TissueEntry {
+    /// The labels made of the tissue `name`, and what that is.
+    fn resolve(
+        &self,
+        name: &str,
+        mesh: &TetMesh,
+        entry: &MaterialEntry,
+    ) -> Result<(Vec<i64>, RegionMaterial)> {
+        let table = match self {
+            TissueEntry::Regions(regions) => TissueTable {
+                regions: Some(regions.clone()),
+                ..TissueTable::default()
+            },
+            TissueEntry::Table(table) => table.clone(),
+        };
+        let (young, density) = match (Tissue::by_name(name), table.young) {
+            (Ok(tissue), young) => (young.unwrap_or(tissue.young), tissue.density),
+            (Err(_), Some(young)) => {
+                let density = entry.density.unwrap_or(Material::soft_tissue().density);
+                (young, density)
+            }
+            (Err(unknown), None) => {
+                return Err(Error::Input(format!(
+                    "{unknown}; a tissue of your own needs `young` (Pa)"
+                )));
+            }
+        };
+        let labels = match &table.regions {
+            Some(regions) => regions
+                .iter()
+                .map(|r| r.label(mesh))
+                .collect::<Result<Vec<i64>>>()?,
+            None => named_like(name, mesh)?,
+        };
+        Ok((
+            labels,
+            RegionMaterial {
+                stiffness: young,
+                density: table.density.unwrap_or(density),
+            },
+        ))
+    }
+}
+
+/// The regions that have `name` among the words of theirs.
+fn named_like(name: &str, mesh: &TetMesh) -> Result<Vec<i64>> {
+    let words = |text: &str| -> Vec<String> {
+        text.split(|c: char| !c.is_alphanumeric())
+            .filter(|w| !w.is_empty())
+            .map(str::to_lowercase)
+            .collect()
+    };
+    let wanted = words(name);
+    let labels: Vec<i64> = mesh
+        .region_names
+        .iter()
+        .filter(|(_, region)| words(region).windows(wanted.len()).any(|w| w == wanted))
+        .map(|(label, _)| *label)
+        .collect();
+    if labels.is_empty() {
+        let known: Vec<&str> = mesh.region_names.values().map(String::as_str).collect();
+        return Err(Error::Input(format!(
+            "no region of the mesh has \"{name}\" in its name ({}); say which it is: {name} = [LABEL, …]",
+            match known.as_slice() {
+                [] => "its regions have no names".to_owned(),
+                _ => format!("they are called {}", known.join(", ")),
+            }
+        )));
+    }
+    Ok(labels)
+}
+
+fn described(mesh: &TetMesh, label: i64) -> String {
+    match mesh.region_names.get(&label) {
+        Some(name) => format!("{name} ({label})"),
+        None => format!("region {label}"),
+    }
+}
