@@ -12,17 +12,21 @@
 
 override BACKWARDS: bool = false;
 override OCCLUDED: bool = false;
+// Whether scalars are constant in each tet.
+override CELLS: bool = false;
 
 // Eight texels a tet; see refresh_geometry.wgsl.
 @group(0) @binding(0) var records: texture_2d<u32>;
-@group(0) @binding(1) var starts: texture_2d<u32>;
-@group(0) @binding(2) var fronts: texture_2d<u32>;
-@group(0) @binding(3) var gathered: texture_2d<f32>;
-@group(0) @binding(4) var occluder: texture_depth_2d;
-@group(0) @binding(5) var table: texture_2d_array<f32>;
-@group(0) @binding(6) var smooth_sampler: sampler;
-@group(0) @binding(7) var<storage, read_write> lost: array<atomic<u32>, 1>;
-@group(0) @binding(8) var<uniform> params: View;
+// One scalar a tet, if CELLS.
+@group(0) @binding(1) var cells: texture_2d<f32>;
+@group(0) @binding(2) var starts: texture_2d<u32>;
+@group(0) @binding(3) var fronts: texture_2d<u32>;
+@group(0) @binding(4) var gathered: texture_2d<f32>;
+@group(0) @binding(5) var occluder: texture_depth_2d;
+@group(0) @binding(6) var table: texture_2d_array<f32>;
+@group(0) @binding(7) var smooth_sampler: sampler;
+@group(0) @binding(8) var<storage, read_write> lost: array<atomic<u32>, 1>;
+@group(0) @binding(9) var<uniform> params: View;
 
 #import lib/fullscreen
 
@@ -60,6 +64,9 @@ fn plane(t: u32, k: u32) -> vec4<f32> {
 
 // The scalar (table coordinate) at z in tet t.
 fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
+    if CELLS {
+        return params.scalar.x * textureLoad(cells, at(t), 0).x + params.scalar.y;
+    }
     let gradient = plane(t, 4u);
     let corner = record(t, 5u);
     let x = ray.foot + z * ray.run - bitcast<vec3<f32>>(corner.xyz);
@@ -94,6 +101,9 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         }
         steps += 1u;
         last = t;
+        if CELLS {
+            s = scalar_at(t, ray, z);
+        }
         let k = vec3(here + 1u, here + 2u, here + 3u) & vec3(3u);
         let p0 = plane(t, k.x);
         let p1 = plane(t, k.y);

@@ -16,6 +16,8 @@
 override BACKWARDS: bool = false;
 // Whether something opaque may end the rays.
 override OCCLUDED: bool = false;
+// Whether scalars are constant in each tet.
+override CELLS: bool = false;
 
 @group(0) @binding(0) var projected: texture_2d<f32>;
 // The four nodes of each tet.
@@ -23,17 +25,19 @@ override OCCLUDED: bool = false;
 // Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
 // exclusive or of its nodes.
 @group(0) @binding(2) var links: texture_2d<u32>;
+// One scalar a tet, if CELLS.
+@group(0) @binding(3) var cells: texture_2d<f32>;
 // Depth bits and 4 tet + face where the rays of this layer start.
-@group(0) @binding(3) var starts: texture_2d<u32>;
+@group(0) @binding(4) var starts: texture_2d<u32>;
 // The nearest front faces, which tell a backward walk whether the eye is inside.
-@group(0) @binding(4) var fronts: texture_2d<u32>;
+@group(0) @binding(5) var fronts: texture_2d<u32>;
 // What the layers before gathered.
-@group(0) @binding(5) var gathered: texture_2d<f32>;
-@group(0) @binding(6) var occluder: texture_depth_2d;
-@group(0) @binding(7) var table: texture_2d_array<f32>;
-@group(0) @binding(8) var smooth_sampler: sampler;
-@group(0) @binding(9) var<storage, read_write> lost: array<atomic<u32>, 1>;
-@group(0) @binding(10) var<uniform> params: View;
+@group(0) @binding(6) var gathered: texture_2d<f32>;
+@group(0) @binding(7) var occluder: texture_depth_2d;
+@group(0) @binding(8) var table: texture_2d_array<f32>;
+@group(0) @binding(9) var smooth_sampler: sampler;
+@group(0) @binding(10) var<storage, read_write> lost: array<atomic<u32>, 1>;
+@group(0) @binding(11) var<uniform> params: View;
 
 #import lib/fullscreen
 
@@ -121,6 +125,10 @@ fn walk(code: u32, sight: Sight, span: Span, before: vec4<f32>) -> Walked {
         );
         let share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
         var next_s = clamp(dot(w, vec3(a.w, b.w, c.w)) * share, min(a.w, min(b.w, c.w)), max(a.w, max(b.w, c.w)));
+        if CELLS {
+            s = params.scalar.x * textureLoad(cells, at(t), 0).x + params.scalar.y;
+            next_s = s;
+        }
         var next_z = dot(w, vec3(a.z, b.z, c.z)) * share;
         if BACKWARDS {
             next_z = clamp(next_z, min(z, min(a.z, min(b.z, c.z))), z);

@@ -45,15 +45,25 @@ const ASIDE: f64 = 1e-12;
 impl RayReference {
     /// Prepares `mesh` with its nodes at `positions` and `scalars` at its nodes.
     pub fn new(mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> RayReference {
+        let corners = mesh.tets.iter().map(|t| t.map(|v| scalars[v as usize]));
+        RayReference::with_corner_scalars(mesh, positions, corners.collect())
+    }
+
+    /// The same with `scalars` in its tets, constant in each.
+    pub fn of_cells(mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> RayReference {
+        let corners = scalars.iter().map(|s| [*s; 4]);
+        RayReference::with_corner_scalars(mesh, positions, corners.collect())
+    }
+
+    fn with_corner_scalars(
+        mesh: &TetMesh,
+        positions: &[DVec3],
+        scalars: Vec<[f64; 4]>,
+    ) -> RayReference {
         let corners: Vec<[DVec3; 4]> = mesh
             .tets
             .iter()
             .map(|t| t.map(|v| positions[v as usize]))
-            .collect();
-        let scalars = mesh
-            .tets
-            .iter()
-            .map(|t| t.map(|v| scalars[v as usize]))
             .collect();
         let (low, high) = crate::mesh::bounds(positions);
         let mut reference = RayReference {

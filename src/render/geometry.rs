@@ -26,7 +26,36 @@ const RECORD: usize = 8;
 /// The texel of a record that holds the neighbours.
 const RECORD_LINKS: usize = 6;
 
-/// A mesh with one scalar a node, prepared for drawing; its nodes move with an array of positions.
+/// The scalar that is seen.
+#[derive(Clone, Copy, Debug)]
+pub enum Scalars<'a> {
+    /// One number a node, linear in each tet.
+    Nodes(&'a [f64]),
+    /// One number a tet, constant in it: labels of regions, for example.
+    Cells(&'a [f64]),
+}
+
+impl<'a> From<&'a Vec<f64>> for Scalars<'a> {
+    fn from(nodes: &'a Vec<f64>) -> Scalars<'a> {
+        Scalars::Nodes(nodes)
+    }
+}
+
+impl<'a> From<&'a [f64]> for Scalars<'a> {
+    fn from(nodes: &'a [f64]) -> Scalars<'a> {
+        Scalars::Nodes(nodes)
+    }
+}
+
+impl Scalars<'_> {
+    fn values(&self) -> &[f64] {
+        match self {
+            Scalars::Nodes(values) | Scalars::Cells(values) => values,
+        }
+    }
+}
+
+/// A mesh with a scalar at its nodes or in its tets, prepared for drawing; its nodes move with an array of positions.
 pub struct Geometry {
     pub(super) gpu: Gpu,
     pub(super) frame: LocalFrame,
@@ -35,6 +64,9 @@ pub struct Geometry {
     pub(super) longest_edge: f64,
     pub(super) positions: Array,
     pub(super) scalars: Array,
+    /// One scalar a tet; a single item where scalars are at the nodes.
+    pub(super) cells: Array,
+    pub(super) per_cell: bool,
     pub(super) tets: Array,
     pub(super) links: Array,
     pub(super) boundary: Array,
@@ -53,32 +85,41 @@ pub struct Geometry {
 
 impl Geometry {
     /// Prepares `mesh`, whose nodes stand at `positions`: xyz in `frame`, one item a node, written
-    /// by whoever moves them. `scalars` holds one number a node.
+    /// by whoever moves them. `scalars` holds one number a node, or one a tet.
     ///
     /// # Errors
     /// [`Error::Input`] when lengths differ or a scalar is not finite, [`Error::Gpu`] when the
     /// device cannot hold it.
-    pub fn new(
+    pub fn new<'a>(
         gpu: &Gpu,
         mesh: &TetMesh,
         topology: &Topology,
         frame: LocalFrame,
         positions: &Array,
-        scalars: &[f64],
+        scalars: impl Into<Scalars<'a>>,
     ) -> Result<Geometry> {
+        let scalars = scalars.into();
         check_input(mesh, positions, scalars)?;
         let order = morton_order(mesh);
         let tets: Vec<[u32; 4]> = order.iter().map(|t| mesh.tets[*t as usize]).collect();
         let neighbours = reordered(&topology.neighbours, &order);
         let boundary_faces = boundary(&tets, &neighbours);
-        let range = scalar_range(scalars);
+        let range = scalar_range(scalars.values());
         let share = |s: &f64| ((s - range.0) / (range.1 - range.0)) as f32;
-        let shares: Vec<f32> = scalars.iter().map(share).collect();
+        let (nodes, cells): (Vec<f32>, Vec<f32>) = match scalars {
+            Scalars::Nodes(values) => (values.iter().map(share).collect(), vec![0.0]),
+            Scalars::Cells(values) => {
+                let sorted = order.iter().map(|t| share(&values[*t as usize]));
+                (vec![0.0; mesh.nodes.len()], sorted.collect())
+            }
+        };
         let mut records = vec![[0u32; 4]; RECORD * tets.len()];
         for (record, n) in records.chunks_exact_mut(RECORD).zip(&neighbours) {
             record[RECORD_LINKS] = *n;
         }
-        let scalars = gpu.array_of("scalars", Texel::F32, &shares)?;
+        let per_cell = matches!(scalars, Scalars::Cells(_));
+        let scalars = gpu.array_of("scalars", Texel::F32, &nodes)?;
+        let cells = gpu.array_of("cell scalars", Texel::F32, &cells)?;
         let nodes = gpu.array_of("tets", Texel::U32x4, &tets)?;
         let records = gpu.array_of("tet records", Texel::U32x4, &records)?;
         let inverted = gpu.buffer("inverted tets", 4)?;
@@ -105,6 +146,8 @@ impl Geometry {
             longest_edge: longest_edge(mesh, topology) / frame.scale,
             positions: positions.clone(),
             scalars,
+            cells,
+            per_cell,
             links: gpu.array_of("links", Texel::U32x2, &links(&tets, &neighbours))?,
             boundary: gpu.array_of("boundary", Texel::U32x4, &boundary_faces)?,
             boundary_faces,
@@ -123,7 +166,11 @@ impl Geometry {
     ///
     /// # Errors
     /// As [`Geometry::new`].
-    pub fn at_rest(gpu: &Gpu, mesh: &TetMesh, scalars: &[f64]) -> Result<Geometry> {
+    pub fn at_rest<'a>(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        scalars: impl Into<Scalars<'a>>,
+    ) -> Result<Geometry> {
         let frame = LocalFrame::of_mesh(mesh);
         let positions = local_positions(gpu, &frame, &mesh.nodes)?;
         Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &positions, scalars)
@@ -204,23 +251,28 @@ pub fn local_positions(gpu: &Gpu, frame: &LocalFrame, nodes: &[glam::DVec3]) -> 
     gpu.array_of("positions", Texel::F32x4, &local)
 }
 
-fn check_input(mesh: &TetMesh, positions: &Array, scalars: &[f64]) -> Result<()> {
-    let nodes = mesh.nodes.len();
-    if scalars.len() != nodes || positions.len() as usize != nodes {
+fn check_input(mesh: &TetMesh, positions: &Array, scalars: Scalars) -> Result<()> {
+    let (what, items) = match scalars {
+        Scalars::Nodes(_) => ("node", mesh.nodes.len()),
+        Scalars::Cells(_) => ("tet", mesh.tets.len()),
+    };
+    let values = scalars.values();
+    if values.len() != items || positions.len() as usize != mesh.nodes.len() {
         return Err(Error::Input(format!(
-            "{nodes} nodes, but {} scalars and {} positions to draw them with",
-            scalars.len(),
-            positions.len()
+            "{items} {what}s, but {} scalars for them, and {} positions for {} nodes",
+            values.len(),
+            positions.len(),
+            mesh.nodes.len()
         )));
     }
     if mesh.tets.is_empty() {
         return Err(Error::Mesh("there are no tets to draw".into()));
     }
-    match scalars.iter().position(|s| !s.is_finite()) {
+    match values.iter().position(|s| !s.is_finite()) {
         None => Ok(()),
         Some(i) => Err(Error::Input(format!(
-            "the scalar of node {i} is {}; choose another field, or replace such values",
-            scalars[i]
+            "the scalar of {what} {i} is {}; choose another field, or replace such values",
+            values[i]
         ))),
     }
 }

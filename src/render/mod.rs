@@ -17,7 +17,7 @@ mod view;
 
 pub use camera::{Camera, Projection, Ray};
 pub use compare::Difference;
-pub use geometry::{Geometry, local_positions};
+pub use geometry::{Geometry, Scalars, local_positions};
 pub use image::{Background, BitDepth, Image};
 pub use raycaster::{Mode, RaycastOptions, RaycastReport, Raycaster, Target, Walk};
 pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};

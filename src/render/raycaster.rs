@@ -487,6 +487,8 @@ impl Raycaster {
                 Walk::Planes => self.gpu.draw("render/walk_planes").read(&geometry.records),
             };
             builder
+                .read(&geometry.cells)
+                .constant("CELLS", flag(geometry.per_cell))
                 .constant("MODE", mode)
                 .constant("TABLE", flag(self.options.table == TableForm::Volume))
                 .constant("BACKWARDS", flag(backwards))

@@ -38,6 +38,9 @@ pub struct Seen {
     pub name: String,
     /// One value a node.
     pub values: Vec<f64>,
+    /// One value a tet, constant in it, where the field is one of cells; `values` are their
+    /// means around each node.
+    pub cells: Option<Vec<f64>>,
     /// Smallest and largest value.
     pub range: (f64, f64),
     /// How it was come by, when nobody asked for it.
@@ -46,30 +49,37 @@ pub struct Seen {
 
 impl Scene {
     /// The scalar to see: the field named by the scene, else the first scalar node field that
-    /// varies, else the depth below the surface. Vectors are seen by their length, cell fields by
-    /// the volume-weighted mean around each node.
+    /// varies, else the cell field `label` if it does, else the depth below the surface. Vectors
+    /// are seen by their length.
     ///
     /// # Errors
     /// [`Error::Input`] listing the fields when the one named does not exist or is not finite.
     pub fn seen(&self, mesh: &TetMesh, topology: &Topology) -> Result<Seen> {
+        let found = || first_scalar(mesh).or_else(|| labels(mesh)).cloned();
         let (field, note) = match &self.picture.field {
             Some(name) => (named_field(mesh, name)?, None),
-            None => match first_scalar(mesh) {
-                Some(field) => (field.clone(), None),
+            None => match found() {
+                Some(field) => (field, None),
                 None => (
                     depth_field(mesh, topology),
                     Some("the mesh has no scalar field that varies: seen is the depth below its surface".to_owned()),
                 ),
             },
         };
-        let values = node_scalars(mesh, &field);
+        let scalars = tuple_lengths(&field);
+        let (values, cells) = match field.location {
+            Location::Node => (scalars, None),
+            Location::Cell => (means_around_nodes(mesh, &scalars), Some(scalars)),
+        };
         if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::Input(format!(
                 "field \"{}\" is not a finite number at node {bad}, so it cannot be drawn",
                 field.name
             )));
         }
-        let range = values
+        let range = cells
+            .as_ref()
+            .unwrap_or(&values)
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
                 (a.min(*v), b.max(*v))
@@ -77,6 +87,7 @@ impl Scene {
         Ok(Seen {
             name: field.name,
             values,
+            cells,
             range,
             note,
         })
@@ -108,21 +119,29 @@ fn first_scalar(mesh: &TetMesh) -> Option<&Field> {
     })
 }
 
-/// One value a node, from a field of any kind.
-fn node_scalars(mesh: &TetMesh, field: &Field) -> Vec<f64> {
-    let scalars: Vec<f64> = match field.components {
+/// The labels of the regions, if there are several.
+fn labels(mesh: &TetMesh) -> Option<&Field> {
+    let field = mesh.field("label", Location::Cell)?;
+    let varies = field.range().is_some_and(|(low, high)| low < high);
+    (field.components == 1 && varies).then_some(field)
+}
+
+/// One number for each tuple: vectors by their length.
+fn tuple_lengths(field: &Field) -> Vec<f64> {
+    match field.components {
         1 => field.values.clone(),
         n => field
             .values
             .chunks_exact(n)
             .map(|tuple| tuple.iter().map(|x| x * x).sum::<f64>().sqrt())
             .collect(),
-    };
-    if field.location == Location::Node {
-        return scalars;
     }
+}
+
+/// The volume-weighted mean around each node.
+fn means_around_nodes(mesh: &TetMesh, scalars: &[f64]) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); mesh.nodes.len()];
-    for (t, (tet, value)) in mesh.tets.iter().zip(&scalars).enumerate() {
+    for (t, (tet, value)) in mesh.tets.iter().zip(scalars).enumerate() {
         let weight = mesh.tet_volume(t);
         for v in tet {
             let sum = &mut sums[*v as usize];

@@ -6,8 +6,8 @@ use crate::io::PvdSeries;
 use crate::mesh::{Field, Location, ScalarType, TetMesh, Topology};
 use crate::physics::{Nodes, SolverKind};
 use crate::render::{
-    Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Shading,
-    Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
+    Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars,
+    Shading, Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -94,7 +94,11 @@ impl Stage {
         };
         let nodes = actor.nodes();
         let (positions, frame) = (nodes.array(), nodes.frame());
-        let geometry = Geometry::new(gpu, &mesh, &topology, frame, positions, &seen.values)?;
+        let scalars = match &seen.cells {
+            Some(cells) => Scalars::Cells(cells),
+            None => Scalars::Nodes(&seen.values),
+        };
+        let geometry = Geometry::new(gpu, &mesh, &topology, frame, positions, scalars)?;
         let transfer = scene.transfer()?;
         let colour = match scene.picture.field.is_some() || scene.picture.transfer.is_some() {
             true => SurfaceColour::Field(transfer.clone()),

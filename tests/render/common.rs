@@ -4,7 +4,9 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Location, TetMesh};
 use palpate::reference::RayReference;
-use palpate::render::{Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, TransferFunction};
+use palpate::render::{
+    Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars, TransferFunction,
+};
 
 /// The device of the tests; there is always one, or the test fails.
 pub fn gpu() -> Gpu {
@@ -89,21 +91,25 @@ pub struct Scene {
 }
 
 impl Scene {
-    pub fn new(
+    pub fn new<'a>(
         gpu: &Gpu,
         mesh: &TetMesh,
         positions: &[DVec3],
-        scalars: &[f64],
+        scalars: impl Into<Scalars<'a>>,
         transfer: &TransferFunction,
         options: RaycastOptions,
     ) -> Scene {
+        let scalars = scalars.into();
         let frame = palpate::mesh::LocalFrame::of_mesh(mesh);
         let array = palpate::render::local_positions(gpu, &frame, positions).unwrap();
         let topology = palpate::mesh::Topology::new(mesh);
         let geometry = Geometry::new(gpu, mesh, &topology, frame, &array, scalars).unwrap();
         Scene {
             caster: Raycaster::with_options(gpu, geometry, transfer, options).unwrap(),
-            truth: RayReference::new(mesh, positions, scalars),
+            truth: match scalars {
+                Scalars::Nodes(values) => RayReference::new(mesh, positions, values),
+                Scalars::Cells(values) => RayReference::of_cells(mesh, positions, values),
+            },
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use glam::DVec3;
-use palpate::mesh::{TetMesh, generate};
+use palpate::mesh::{Location, TetMesh, generate};
 use palpate::render::*;
 
 #[test]
@@ -39,7 +39,14 @@ fn the_benchmark_cube_by_both_walks_and_tables() {
 }
 
 /// One of the five scenes: both walks within half a level of the truth.
-fn scene(name: &str, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64], preset: &str) {
+fn scene<'a>(
+    name: &str,
+    mesh: &TetMesh,
+    positions: &[DVec3],
+    scalars: impl Into<Scalars<'a>>,
+    preset: &str,
+) {
+    let scalars = scalars.into();
     let gpu = gpu();
     let transfer = TransferFunction::preset(preset).unwrap();
     let mut camera = Camera::framing(mesh);
@@ -79,6 +86,14 @@ fn the_heart() {
     let mesh = shared("scalar/chaste_heart_decimation.vtu");
     let scalars = node_scalars(&mesh, "Distance from origin");
     scene("heart", &mesh, &mesh.nodes, &scalars, "muscle");
+}
+
+#[test]
+fn labels_that_are_constant_in_each_tet() {
+    let mesh = generate::by_name("limb", Some(12_000)).unwrap();
+    let labels = mesh.field("label", Location::Cell).unwrap();
+    let labels = Scalars::Cells(&labels.values);
+    scene("labels", &mesh, &bent(&mesh), labels, "coolwarm");
 }
 
 #[test]
