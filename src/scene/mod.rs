@@ -111,16 +111,11 @@ impl Unit {
             Unit::Metres(m) => Err(Error::Input(format!(
                 "unit = {m}: metres in one unit of the mesh, a positive number, are expected"
             ))),
-            Unit::Name(name) => match name.as_str() {
-                "m" => Ok(1.0),
-                "cm" => Ok(1e-2),
-                "mm" => Ok(1e-3),
-                "um" => Ok(1e-6),
-                "in" => Ok(0.0254),
-                other => Err(Error::Input(format!(
-                    "unit \"{other}\" is not known; use m, cm, mm, um, in, or metres as a number"
-                ))),
-            },
+            Unit::Name(name) => crate::mesher::metres_in(name).ok_or_else(|| {
+                Error::Input(format!(
+                    "unit \"{name}\" is not known; use m, cm, mm, um, in, or metres as a number"
+                ))
+            }),
         }
     }
 }
