@@ -16,6 +16,7 @@ mod pvd;
 mod scalar;
 mod tags;
 mod tetgen;
+mod volume;
 mod vtk_legacy;
 mod vtk_legacy_data;
 mod vtu;
@@ -24,6 +25,7 @@ mod vtu_write;
 
 pub use atomic::atomic_write;
 pub use pvd::{Frame, PvdSeries, read_pvd};
+pub use volume::read_volume;
 
 use crate::mesh::TetMesh;
 use crate::{Error, Result};

@@ -1,0 +1,301 @@
+//! Reader for MetaImage: a header with its data in other files (.mhd) or attached (.mha).
+//!
+//! The format is described at itk.org/Wiki/MetaIO/Documentation; its world is LPS, in mm.
+
+use super::Fetch;
+use super::pattern::numbered;
+use super::voxels::{Packing, decode, decode_text, extent, unpack};
+use crate::io::cursor::Parse;
+use crate::mesh::ScalarType;
+use crate::volume::Volume;
+use glam::{DAffine3, DMat3, DVec3};
+use std::collections::{BTreeMap, HashMap};
+
+/// The most data files that a LIST or a pattern may name.
+const MOST_FILES: i64 = 100_000;
+
+/// Whether a file begins as this format does: with one of the fields a header may start with.
+pub(super) fn is_metaimage(bytes: &[u8]) -> bool {
+    let line = bytes
+        .split(|b| *b == b'\n')
+        .find(|l| !l.trim_ascii().is_empty());
+    let line = String::from_utf8_lossy(line.unwrap_or_default());
+    let Some((key, value)) = line.split_once('=') else {
+        return false;
+    };
+    match key.trim() {
+        "ObjectType" => value.trim().eq_ignore_ascii_case("image"),
+        "NDims" | "Comment" | "ObjectSubType" => true,
+        _ => false,
+    }
+}
+
+/// The fields of a header, with their lines.
+struct Header {
+    fields: HashMap<String, (usize, String)>,
+    /// What follows the last field.
+    rest_of_names: Vec<String>,
+}
+
+/// The bytes of `file` as a volume.
+pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
+    let (header, attached) = Header::parse(file)?;
+    let dimensions = header.whole("NDims")?.unwrap_or(3);
+    let sizes = header.numbers("DimSize", None)?;
+    let sizes = sizes.ok_or("the header has no field `DimSize`")?;
+    if sizes.len() != dimensions {
+        return Err(format!(
+            "`NDims` is {dimensions}, but `DimSize` has {} numbers",
+            sizes.len()
+        ));
+    }
+    let whole = |s: &f64| (*s >= 1.0 && s.fract() == 0.0 && *s < 1e15).then_some(*s as usize);
+    let sizes: Vec<usize> = sizes
+        .iter()
+        .map(whole)
+        .collect::<Option<_>>()
+        .ok_or_else(|| format!("`DimSize` should be whole numbers from 1 on, but is {sizes:?}"))?;
+    let size = match sizes[..] {
+        [i, j, k] => [i, j, k],
+        [i, j, k, ref more @ ..] if more.iter().all(|n| *n == 1) => [i, j, k],
+        _ => {
+            return Err(format!(
+                "sizes {sizes:?} are no single volume; three axes are expected"
+            ));
+        }
+    };
+    let channels = header.whole("ElementNumberOfChannels")?.unwrap_or(1);
+    if channels != 1 {
+        return Err(format!(
+            "there are {channels} values a voxel (`ElementNumberOfChannels`); Palpate reads scalar volumes"
+        ));
+    }
+    let scalar = header.scalar_type()?;
+    let (voxels, bytes) = extent(size, scalar)?;
+    let data = header.data(attached, fetch, bytes)?;
+    let binary = header.flag("BinaryData")?.unwrap_or(true);
+    let raw = if binary {
+        let msb = match header.flag("BinaryDataByteOrderMSB")? {
+            Some(msb) => msb,
+            None => header.flag("ElementByteOrderMSB")?.unwrap_or(false),
+        };
+        let packing = match header.flag("CompressedData")?.unwrap_or(false) {
+            true if data.starts_with(&[0x1f, 0x8b]) => Packing::Gzip,
+            true => Packing::Zlib,
+            false => Packing::Raw,
+        };
+        decode(&unpack(&data, packing, bytes)?, scalar, msb)
+    } else {
+        decode_text(&data, scalar, voxels)?
+    };
+    Ok(Volume {
+        size,
+        raw,
+        slope: header
+            .real("ElementToIntensityFunctionSlope")?
+            .unwrap_or(1.0),
+        intercept: header
+            .real("ElementToIntensityFunctionOffset")?
+            .unwrap_or(0.0),
+        to_world: header.to_world(dimensions)?,
+        names: BTreeMap::new(),
+    })
+}
+
+impl Header {
+    /// The header, and what follows its line `ElementDataFile`.
+    fn parse(file: &[u8]) -> Parse<(Header, &[u8])> {
+        let mut header = Header {
+            fields: HashMap::new(),
+            rest_of_names: Vec::new(),
+        };
+        let mut rest = file;
+        let mut number = 0;
+        while !rest.is_empty() {
+            number += 1;
+            let end = rest.iter().position(|b| *b == b'\n');
+            let line = &rest[..end.unwrap_or(rest.len())];
+            rest = &rest[end.map_or(rest.len(), |e| e + 1)..];
+            if line.trim_ascii().is_empty() {
+                continue;
+            }
+            let line = String::from_utf8_lossy(line);
+            let Some((key, value)) = line.split_once('=') else {
+                return Err(format!(
+                    "line {number}: expected \"Field = value\", found {:?}",
+                    line.chars().take(40).collect::<String>()
+                ));
+            };
+            let (key, value) = (key.trim().to_owned(), value.trim().to_owned());
+            let last = key == "ElementDataFile";
+            let list = last && value.to_uppercase().starts_with("LIST");
+            header.fields.insert(key, (number, value));
+            if list {
+                let names = String::from_utf8_lossy(rest);
+                let names = names.lines().map(str::trim).filter(|l| !l.is_empty());
+                header.rest_of_names = names.map(str::to_owned).collect();
+            }
+            if last {
+                return Ok((header, rest));
+            }
+        }
+        Err("the header has no field `ElementDataFile`, which should be its last".into())
+    }
+
+    fn get(&self, name: &str) -> Option<(usize, &str)> {
+        let found = self.fields.get(name);
+        found.map(|(line, value)| (*line, value.as_str()))
+    }
+
+    /// The numbers of a field, as many as `count` says.
+    fn numbers(&self, name: &str, count: Option<usize>) -> Parse<Option<Vec<f64>>> {
+        let Some((line, text)) = self.get(name) else {
+            return Ok(None);
+        };
+        let numbers: Option<Vec<f64>> = text
+            .split_whitespace()
+            .map(|w| w.parse().ok().filter(|v: &f64| v.is_finite()))
+            .collect();
+        match (numbers, count) {
+            (Some(numbers), None) => Ok(Some(numbers)),
+            (Some(numbers), Some(count)) if numbers.len() == count => Ok(Some(numbers)),
+            (_, count) => Err(format!(
+                "line {line}: `{name}` should be {} finite numbers, but is \"{text}\"",
+                count.map_or("some".to_owned(), |n| n.to_string())
+            )),
+        }
+    }
+
+    fn real(&self, name: &str) -> Parse<Option<f64>> {
+        Ok(self.numbers(name, Some(1))?.map(|n| n[0]))
+    }
+
+    fn whole(&self, name: &str) -> Parse<Option<usize>> {
+        let Some((line, text)) = self.get(name) else {
+            return Ok(None);
+        };
+        match text.parse() {
+            Ok(n) => Ok(Some(n)),
+            Err(_) => Err(format!(
+                "line {line}: `{name}` should be a whole number from 0 on, but is \"{text}\""
+            )),
+        }
+    }
+
+    fn flag(&self, name: &str) -> Parse<Option<bool>> {
+        match self.get(name) {
+            None => Ok(None),
+            Some((line, text)) => match text.to_lowercase().as_str() {
+                "true" | "1" | "t" | "yes" => Ok(Some(true)),
+                "false" | "0" | "f" | "no" => Ok(Some(false)),
+                _ => Err(format!(
+                    "line {line}: `{name}` should be True or False, but is \"{text}\""
+                )),
+            },
+        }
+    }
+
+    fn scalar_type(&self) -> Parse<ScalarType> {
+        let (line, name) = self
+            .get("ElementType")
+            .ok_or("the header has no field `ElementType`")?;
+        Ok(match name {
+            "MET_CHAR" => ScalarType::I8,
+            "MET_UCHAR" => ScalarType::U8,
+            "MET_SHORT" => ScalarType::I16,
+            "MET_USHORT" => ScalarType::U16,
+            // A long of this format has 32 bits, whatever the machine's have.
+            "MET_INT" | "MET_LONG" => ScalarType::I32,
+            "MET_UINT" | "MET_ULONG" => ScalarType::U32,
+            "MET_LONG_LONG" => ScalarType::I64,
+            "MET_ULONG_LONG" => ScalarType::U64,
+            "MET_FLOAT" => ScalarType::F32,
+            "MET_DOUBLE" => ScalarType::F64,
+            _ => {
+                return Err(format!(
+                    "line {line}: the element type \"{name}\" is not one of single numbers (MET_SHORT, for example)"
+                ));
+            }
+        })
+    }
+
+    /// The data, from this file or from those it names, without their headers.
+    fn data(&self, attached: &[u8], fetch: Fetch, bytes: usize) -> Parse<Vec<u8>> {
+        let (line, named) = self.get("ElementDataFile").unwrap_or((0, ""));
+        let names = if named.eq_ignore_ascii_case("LOCAL") {
+            return Ok(self.after_header(attached, bytes)?.to_vec());
+        } else if named.to_uppercase().starts_with("LIST") {
+            self.rest_of_names.clone()
+        } else if named.contains('%') {
+            numbered(named).ok_or_else(|| {
+                format!(
+                    "line {line}: `ElementDataFile` should be LOCAL, LIST, a name, or \"NAME%03d FIRST LAST STEP\", but is \"{named}\""
+                )
+            })?
+        } else {
+            vec![named.to_owned()]
+        };
+        if names.is_empty() || names.len() as i64 > MOST_FILES {
+            return Err(format!(
+                "line {line}: `ElementDataFile` names {} files of data",
+                names.len()
+            ));
+        }
+        let mut data = Vec::new();
+        for name in &names {
+            let file = fetch(name)?;
+            data.extend_from_slice(self.after_header(&file, bytes / names.len())?);
+        }
+        Ok(data)
+    }
+
+    fn after_header<'a>(&self, file: &'a [u8], bytes: usize) -> Parse<&'a [u8]> {
+        match self.get("HeaderSize") {
+            None => Ok(file),
+            // The data are the last bytes of the file.
+            Some((_, "-1")) => Ok(&file[file.len().saturating_sub(bytes)..]),
+            Some(_) => {
+                let skip = self.whole("HeaderSize")?.unwrap_or(0);
+                file.get(skip..).ok_or_else(|| {
+                    format!(
+                        "`HeaderSize` is {skip}, but the data file has {} bytes only",
+                        file.len()
+                    )
+                })
+            }
+        }
+    }
+
+    fn to_world(&self, dimensions: usize) -> Parse<DAffine3> {
+        let first = |names: &[&str], count: usize| -> Parse<Option<Vec<f64>>> {
+            for name in names {
+                if let Some(numbers) = self.numbers(name, Some(count))? {
+                    return Ok(Some(numbers));
+                }
+            }
+            Ok(None)
+        };
+        let vector = |v: &[f64]| DVec3::new(v[0], v[1], v[2]);
+        let spacing = first(&["ElementSpacing", "ElementSize"], dimensions)?;
+        let spacing = spacing.map_or(DVec3::ONE, |s| vector(&s));
+        let origin = first(&["Offset", "Origin", "Position"], dimensions)?;
+        let origin = origin.map_or(DVec3::ZERO, |o| vector(&o));
+        // One row for each axis of the image: where it points.
+        let matrix = ["TransformMatrix", "Rotation", "Orientation"];
+        let axes = match first(&matrix, dimensions * dimensions)? {
+            Some(m) => {
+                let row = |n: usize| vector(&m[n * dimensions..]);
+                DMat3::from_cols(row(0), row(1), row(2))
+            }
+            None => DMat3::IDENTITY,
+        };
+        let lps_to_ras = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0));
+        let linear = lps_to_ras * axes * DMat3::from_diagonal(spacing);
+        if !(linear.determinant().abs() > 0.0) || !linear.is_finite() {
+            return Err(
+                "the voxels have no volume: check `ElementSpacing` and `TransformMatrix`".into(),
+            );
+        }
+        Ok(DAffine3::from_mat3_translation(linear, lps_to_ras * origin))
+    }
+}

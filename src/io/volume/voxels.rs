@@ -1,0 +1,139 @@
+//! From a file's bytes to voxels.
+
+use crate::io::cursor::{Cursor, Parse, number};
+use crate::mesh::ScalarType;
+use crate::volume::Raw;
+use flate2::read::{MultiGzDecoder, ZlibDecoder};
+use std::io::Read;
+
+/// Bytes in one number.
+pub(super) fn bytes_in(scalar: ScalarType) -> usize {
+    match scalar {
+        ScalarType::I8 | ScalarType::U8 => 1,
+        ScalarType::I16 | ScalarType::U16 => 2,
+        ScalarType::I32 | ScalarType::U32 | ScalarType::F32 => 4,
+        ScalarType::I64 | ScalarType::U64 | ScalarType::F64 => 8,
+    }
+}
+
+/// Number of voxels and of their bytes, if neither overflows.
+pub(super) fn extent(size: [usize; 3], scalar: ScalarType) -> Parse<(usize, usize)> {
+    let voxels = size.iter().try_fold(1usize, |n, s| n.checked_mul(*s));
+    voxels
+        .and_then(|n| Some((n, n.checked_mul(bytes_in(scalar))?)))
+        .filter(|(n, _)| *n > 0)
+        .ok_or_else(|| {
+            let [i, j, k] = size;
+            format!("the size {i} × {j} × {k} is no size of a volume")
+        })
+}
+
+/// How data bytes are packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Packing {
+    Raw,
+    Gzip,
+    Zlib,
+}
+
+/// The `wanted` bytes of the voxels out of `packed`. Grows with what is there, not with what is
+/// said to be.
+pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> Parse<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let limit = wanted as u64;
+    let read = match packing {
+        Packing::Raw => packed.take(limit).read_to_end(&mut bytes),
+        Packing::Gzip => MultiGzDecoder::new(packed)
+            .take(limit)
+            .read_to_end(&mut bytes),
+        Packing::Zlib => ZlibDecoder::new(packed).take(limit).read_to_end(&mut bytes),
+    };
+    if let Err(e) = read {
+        return Err(format!("its compressed voxels are damaged: {e}"));
+    }
+    if bytes.len() < wanted {
+        return Err(format!(
+            "the header promises {wanted} bytes of voxels, but there are {} (wrong size in the header, or a truncated file)",
+            bytes.len()
+        ));
+    }
+    Ok(bytes)
+}
+
+/// Voxels from binary data of exactly the right length.
+pub(super) fn decode(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Raw {
+    macro_rules! numbers {
+        ($raw:ident, $type:ty) => {
+            Raw::$raw(
+                bytes
+                    .chunks_exact(size_of::<$type>())
+                    .map(|chunk| {
+                        let mut number = [0; size_of::<$type>()];
+                        number.copy_from_slice(chunk);
+                        match big_endian {
+                            true => <$type>::from_be_bytes(number),
+                            false => <$type>::from_le_bytes(number),
+                        }
+                    })
+                    .collect(),
+            )
+        };
+    }
+    match scalar {
+        ScalarType::I8 => numbers!(I8, i8),
+        ScalarType::U8 => numbers!(U8, u8),
+        ScalarType::I16 => numbers!(I16, i16),
+        ScalarType::U16 => numbers!(U16, u16),
+        ScalarType::I32 => numbers!(I32, i32),
+        ScalarType::U32 => numbers!(U32, u32),
+        ScalarType::I64 => numbers!(I64, i64),
+        ScalarType::U64 => numbers!(U64, u64),
+        ScalarType::F32 => numbers!(F32, f32),
+        ScalarType::F64 => numbers!(F64, f64),
+    }
+}
+
+/// Voxels written as text.
+pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> Parse<Raw> {
+    let mut cursor = Cursor::new(bytes);
+    // Every number takes a character and a separator.
+    let voxels = cursor.check_count(
+        i64::try_from(voxels).unwrap_or(i64::MAX),
+        format_args!("the number of voxels"),
+        2,
+    )?;
+    macro_rules! numbers {
+        ($raw:ident, $type:ty) => {{
+            let mut values: Vec<$type> = Vec::with_capacity(voxels);
+            for n in 0..voxels {
+                let token = cursor.token().ok_or_else(|| {
+                    format!("the header promises {voxels} voxels, but the text ends after {n}")
+                })?;
+                let parsed = std::str::from_utf8(token).ok().and_then(|t| t.parse().ok());
+                values.push(match (parsed, number(token)) {
+                    (Some(value), _) => value,
+                    (None, Some(value)) => value as $type,
+                    (None, None) => {
+                        return Err(format!(
+                            "voxel {n} is {:?}, not a number",
+                            String::from_utf8_lossy(&token[..token.len().min(20)])
+                        ));
+                    }
+                });
+            }
+            Raw::$raw(values)
+        }};
+    }
+    Ok(match scalar {
+        ScalarType::I8 => numbers!(I8, i8),
+        ScalarType::U8 => numbers!(U8, u8),
+        ScalarType::I16 => numbers!(I16, i16),
+        ScalarType::U16 => numbers!(U16, u16),
+        ScalarType::I32 => numbers!(I32, i32),
+        ScalarType::U32 => numbers!(U32, u32),
+        ScalarType::I64 => numbers!(I64, i64),
+        ScalarType::U64 => numbers!(U64, u64),
+        ScalarType::F32 => numbers!(F32, f32),
+        ScalarType::F64 => numbers!(F64, f64),
+    })
+}
