@@ -25,7 +25,7 @@ mod vtu_write;
 
 pub use atomic::atomic_write;
 pub use pvd::{Frame, PvdSeries, read_pvd};
-pub use volume::read_volume;
+pub use volume::{read_volume, write_volume};
 
 use crate::mesh::TetMesh;
 use crate::{Error, Result};

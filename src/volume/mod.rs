@@ -3,8 +3,18 @@
 //! The world frame is RAS in millimetres: x grows to the patient’s **R**ight, y to the
 //! **A**nterior, z to the **S**uperior. Readers bring everything there.
 
+mod describe;
+mod sample;
+
+pub use describe::{LabelDescription, VolumeDescription};
+
+use crate::mesh::ScalarType;
 use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
+
+/// A volume of more different values than this is no label map.
+pub const MOST_LABELS: usize = 1000;
 
 /// A scalar image on a regular 3D grid.
 ///
@@ -47,5 +57,132 @@ impl Volume {
     pub fn centre(&self, i: usize, j: usize, k: usize) -> DVec3 {
         let index = DVec3::new(i as f64, j as f64, k as f64);
         self.to_world.transform_point3(index)
+    }
+
+    /// Number of voxels.
+    pub fn voxels(&self) -> usize {
+        self.size.iter().product()
+    }
+
+    /// The value of voxel `n`, counted with i running fastest, in physical units.
+    ///
+    /// # Panics
+    /// When there are not so many voxels.
+    pub fn value(&self, n: usize) -> f64 {
+        self.slope * self.raw.get(n) + self.intercept
+    }
+
+    /// Distance between the centres of neighbouring voxels along i, j and k, in mm.
+    pub fn spacing(&self) -> DVec3 {
+        let axes = self.to_world.matrix3;
+        DVec3::new(
+            axes.x_axis.length(),
+            axes.y_axis.length(),
+            axes.z_axis.length(),
+        )
+    }
+
+    /// The volume of a voxel, in mm³.
+    pub fn voxel_volume(&self) -> f64 {
+        self.to_world.matrix3.determinant().abs()
+    }
+
+    /// The world-aligned box that holds all voxels whole: (lower corner, upper corner).
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let far = DVec3::from(self.size.map(|n| n as f64 - 0.5));
+        let corners = (0..8).map(|n| {
+            let end = |axis: usize| n >> axis & 1 == 1;
+            let at = |axis: usize| if end(axis) { far[axis] } else { -0.5 };
+            self.to_world
+                .transform_point3(DVec3::new(at(0), at(1), at(2)))
+        });
+        crate::mesh::bounds(&corners.collect::<Vec<_>>())
+    }
+
+    /// Smallest and largest finite value, in physical units; `None` where nothing is finite.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        (0..self.voxels())
+            .into_par_iter()
+            .map(|n| self.value(n))
+            .filter(|v| v.is_finite())
+            .map(|v| (v, v))
+            .reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+
+    /// The number of voxels of each label, if this is a label map: whole numbers, at most
+    /// [`MOST_LABELS`] different ones.
+    pub fn labels(&self) -> Option<BTreeMap<i64, usize>> {
+        let mut counts = BTreeMap::new();
+        let mut n = 0;
+        while n < self.voxels() {
+            let value = self.value(n);
+            if value.fract() != 0.0 || value.abs() > 1e15 {
+                return None;
+            }
+            // Labels come in runs.
+            let first = n;
+            while n < self.voxels() && self.value(n) == value {
+                n += 1;
+            }
+            *counts.entry(value as i64).or_insert(0) += n - first;
+            if counts.len() > MOST_LABELS {
+                return None;
+            }
+        }
+        Some(counts)
+    }
+}
+
+impl Raw {
+    /// Number `n`, exact but for 64-bit integers beyond 2⁵³.
+    ///
+    /// # Panics
+    /// When there are not so many numbers.
+    pub fn get(&self, n: usize) -> f64 {
+        match self {
+            Raw::I8(v) => v[n].into(),
+            Raw::U8(v) => v[n].into(),
+            Raw::I16(v) => v[n].into(),
+            Raw::U16(v) => v[n].into(),
+            Raw::I32(v) => v[n].into(),
+            Raw::U32(v) => v[n].into(),
+            Raw::I64(v) => v[n] as f64,
+            Raw::U64(v) => v[n] as f64,
+            Raw::F32(v) => v[n].into(),
+            Raw::F64(v) => v[n],
+        }
+    }
+
+    /// How many numbers there are.
+    #[allow(clippy::len_without_is_empty)]
+    pub fn len(&self) -> usize {
+        match self {
+            Raw::I8(v) => v.len(),
+            Raw::U8(v) => v.len(),
+            Raw::I16(v) => v.len(),
+            Raw::U16(v) => v.len(),
+            Raw::I32(v) => v.len(),
+            Raw::U32(v) => v.len(),
+            Raw::I64(v) => v.len(),
+            Raw::U64(v) => v.len(),
+            Raw::F32(v) => v.len(),
+            Raw::F64(v) => v.len(),
+        }
+    }
+
+    /// The type of the numbers.
+    pub fn scalar_type(&self) -> ScalarType {
+        match self {
+            Raw::I8(_) => ScalarType::I8,
+            Raw::U8(_) => ScalarType::U8,
+            Raw::I16(_) => ScalarType::I16,
+            Raw::U16(_) => ScalarType::U16,
+            Raw::I32(_) => ScalarType::I32,
+            Raw::U32(_) => ScalarType::U32,
+            Raw::I64(_) => ScalarType::I64,
+            Raw::U64(_) => ScalarType::U64,
+            Raw::F32(_) => ScalarType::F32,
+            Raw::F64(_) => ScalarType::F64,
+        }
     }
 }

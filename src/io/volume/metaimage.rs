@@ -291,7 +291,7 @@ impl Header {
         };
         let lps_to_ras = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0));
         let linear = lps_to_ras * axes * DMat3::from_diagonal(spacing);
-        if !(linear.determinant().abs() > 0.0) || !linear.is_finite() {
+        if linear.determinant() == 0.0 || !linear.is_finite() {
             return Err(
                 "the voxels have no volume: check `ElementSpacing` and `TransformMatrix`".into(),
             );

@@ -5,6 +5,9 @@ mod nifti;
 mod nrrd;
 mod pattern;
 mod voxels;
+mod write;
+
+pub use write::write_volume;
 
 use super::cursor::Parse;
 use crate::volume::Volume;

@@ -214,7 +214,7 @@ impl<'a> Header<'a> {
             false => self.real([108, 0], 0),
             true => self.i64(168) as f64,
         };
-        match offset >= 0.0 && offset < 1e12 && offset.fract() == 0.0 {
+        match (0.0..1e12).contains(&offset) && offset.fract() == 0.0 {
             true => Ok(offset as usize),
             false => Err(format!(
                 "`vox_offset` is {offset}, which is no place in a file"
@@ -276,7 +276,7 @@ impl<'a> Header<'a> {
         };
         let unit = self.unit();
         let linear = affine.matrix3 * unit;
-        let whole = linear.determinant().abs() > 0.0 && linear.is_finite();
+        let whole = linear.determinant() != 0.0 && linear.is_finite();
         match whole && affine.translation.is_finite() {
             true => Ok(DAffine3::from_mat3_translation(
                 linear,

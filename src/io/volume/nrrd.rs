@@ -340,7 +340,7 @@ impl Axes {
         };
         let to_ras = to_ras(header)?;
         let linear = to_ras * DMat3::from_cols(columns[0], columns[1], columns[2]);
-        if !(linear.determinant().abs() > 0.0) || !linear.is_finite() {
+        if linear.determinant() == 0.0 || !linear.is_finite() {
             return Err("the voxels have no volume: check `space directions` or `spacings`".into());
         }
         Ok(Axes {

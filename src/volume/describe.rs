@@ -1,0 +1,118 @@
+//! What is in a volume, in words and numbers.
+
+use super::Volume;
+use std::fmt;
+
+/// What is in a volume.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct VolumeDescription {
+    /// Voxels along i, j, k.
+    pub size: [usize; 3],
+    /// Distance between voxel centres, mm.
+    pub spacing: [f64; 3],
+    /// Where i, j and k point, nearest: L or R, P or A, I or S; `LPS` for an image that runs to
+    /// the left, the back and the top.
+    pub orientation: String,
+    /// Largest angle between a voxel axis and that of the world it is nearest to, degrees.
+    pub obliqueness: f64,
+    /// The world-aligned box around all voxels, RAS in mm: lower and upper corner.
+    pub bounds: [[f64; 3]; 2],
+    /// The type of the stored numbers.
+    pub scalar_type: String,
+    /// From stored numbers to values: factor and what is added.
+    pub scaling: [f64; 2],
+    /// Smallest and largest value.
+    pub range: Option<[f64; 2]>,
+    /// The labels, where the volume has at most a few dozen different whole values.
+    pub labels: Vec<LabelDescription>,
+}
+
+/// One label of a volume.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct LabelDescription {
+    /// Its value.
+    pub label: i64,
+    /// Its name, if the file has one.
+    pub name: Option<String>,
+    /// Voxels that have it.
+    pub voxels: usize,
+    /// Their volume, mm³.
+    pub volume: f64,
+}
+
+/// A volume with more different values than this is described by their range alone.
+const SHOWN_LABELS: usize = 64;
+
+impl VolumeDescription {
+    /// Describes `volume`.
+    pub fn new(volume: &Volume) -> VolumeDescription {
+        let axes = volume.to_world.matrix3;
+        let mut orientation = String::new();
+        let mut obliqueness = 0f64;
+        for axis in [axes.x_axis, axes.y_axis, axes.z_axis] {
+            let nearest = axis.abs().max_position();
+            let letters = [["L", "R"], ["P", "A"], ["I", "S"]][nearest];
+            orientation += letters[usize::from(axis[nearest] > 0.0)];
+            let cosine = axis[nearest].abs() / axis.length();
+            obliqueness = obliqueness.max(cosine.min(1.0).acos().to_degrees());
+        }
+        let (low, high) = volume.bounds();
+        let labels = volume.labels().filter(|l| l.len() <= SHOWN_LABELS);
+        let labels = labels.unwrap_or_default().into_iter();
+        VolumeDescription {
+            size: volume.size,
+            spacing: volume.spacing().to_array(),
+            orientation,
+            obliqueness,
+            bounds: [low.to_array(), high.to_array()],
+            scalar_type: format!("{:?}", volume.raw.scalar_type()).to_lowercase(),
+            scaling: [volume.slope, volume.intercept],
+            range: volume.range().map(|(low, high)| [low, high]),
+            labels: labels
+                .map(|(label, voxels)| LabelDescription {
+                    label,
+                    name: volume.names.get(&label).cloned(),
+                    voxels,
+                    volume: voxels as f64 * volume.voxel_volume(),
+                })
+                .collect(),
+        }
+    }
+}
+
+impl fmt::Display for VolumeDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [i, j, k] = self.size;
+        writeln!(
+            f,
+            "volume        {i} × {j} × {k} voxels of {}",
+            self.scalar_type
+        )?;
+        let [x, y, z] = self.spacing;
+        writeln!(f, "spacing       {x:.4} × {y:.4} × {z:.4} mm")?;
+        write!(f, "orientation   {}", self.orientation)?;
+        match self.obliqueness < 0.01 {
+            true => writeln!(f)?,
+            false => writeln!(f, ", up to {:.1}° oblique", self.obliqueness)?,
+        }
+        let [low, high] = self.bounds;
+        writeln!(f, "bounds (RAS)  {low:.2?} to {high:.2?} mm")?;
+        let [slope, intercept] = self.scaling;
+        if self.scaling != [1.0, 0.0] {
+            writeln!(f, "scaling       value = {slope} · stored + {intercept}")?;
+        }
+        match self.range {
+            Some([low, high]) => writeln!(f, "values        {low} to {high}")?,
+            None => writeln!(f, "values        none is finite")?,
+        }
+        for label in &self.labels {
+            let name = label.name.as_deref().unwrap_or("");
+            writeln!(
+                f,
+                "label {:<7} {:>9} voxels {:>12.1} mm³  {name}",
+                label.label, label.voxels, label.volume
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,115 @@
+//! Values between voxels, and at the nodes of meshes.
+
+use super::Volume;
+use crate::mesh::{Field, Location, ScalarType, TET_EDGES, TetMesh};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Samples along each axis of the box that stands for a node's cell, at most.
+const MOST_SAMPLES: usize = 9;
+
+impl Volume {
+    /// The value at `p` in the world, trilinear between voxel centres; beyond the outermost
+    /// centres, that of the nearest point between them.
+    pub fn sample(&self, p: DVec3) -> f64 {
+        self.at_index(self.to_world.inverse().transform_point3(p))
+    }
+
+    /// The trilinear value at voxel coordinates `x`.
+    fn at_index(&self, x: DVec3) -> f64 {
+        let last = DVec3::from(self.size.map(|n| n as f64 - 1.0));
+        let x = x.clamp(DVec3::ZERO, last);
+        let below = x.floor();
+        let part = (x - below).to_array();
+        let low = below.to_array().map(|b| b as usize);
+        let mut sum = 0.0;
+        for corner in 0..8 {
+            let mut weight = 1.0;
+            let mut n = 0;
+            for axis in (0..3).rev() {
+                let up = corner >> axis & 1;
+                weight *= if up == 1 {
+                    part[axis]
+                } else {
+                    1.0 - part[axis]
+                };
+                n = n * self.size[axis] + (low[axis] + up).min(self.size[axis] - 1);
+            }
+            if weight > 0.0 {
+                sum += weight * self.value(n);
+            }
+        }
+        sum
+    }
+
+    /// The values at the nodes of `mesh`, in the world, as a node field called `name`.
+    ///
+    /// A node stands for its cell: a cube whose side is the mean length of its edges. Where that
+    /// is smaller than two voxels the value is trilinear at the node, else it is the mean over
+    /// the cube, so that a coarse mesh shows what is around its nodes, not single voxels.
+    pub fn onto_nodes(&self, mesh: &TetMesh, name: &str) -> Field {
+        let to_index = self.to_world.inverse();
+        let spacing = self.spacing();
+        let sides = node_sides(mesh);
+        let values = mesh
+            .nodes
+            .par_iter()
+            .zip(&sides)
+            .map(|(p, side)| {
+                let samples = (*side / spacing).to_array().map(samples_along);
+                let count = samples.iter().product::<usize>();
+                if count == 1 {
+                    return self.at_index(to_index.transform_point3(*p));
+                }
+                // The cube stands along the voxel axes.
+                let middle = to_index.transform_point3(*p);
+                let step = DVec3::splat(*side) / spacing / DVec3::from(samples.map(|n| n as f64));
+                let mut sum = 0.0;
+                for n in 0..count {
+                    let at = [
+                        n % samples[0],
+                        n / samples[0] % samples[1],
+                        n / samples[0] / samples[1],
+                    ];
+                    let shift: [f64; 3] = std::array::from_fn(|axis| {
+                        at[axis] as f64 - 0.5 * (samples[axis] as f64 - 1.0)
+                    });
+                    sum += self.at_index(middle + step * DVec3::from(shift));
+                }
+                sum / count as f64
+            })
+            // The field is written as 32-bit numbers.
+            .map(|value| f64::from(value as f32))
+            .collect();
+        Field {
+            scalar_type: ScalarType::F32,
+            ..Field::scalar(name, Location::Node, values)
+        }
+    }
+}
+
+/// Samples along an axis on which a node's cell measures `voxels`.
+fn samples_along(voxels: f64) -> usize {
+    match voxels < 2.0 {
+        true => 1,
+        false => (voxels.round() as usize).min(MOST_SAMPLES),
+    }
+}
+
+/// Mean length of the edges at each node.
+fn node_sides(mesh: &TetMesh) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0u32); mesh.nodes.len()];
+    for tet in &mesh.tets {
+        for [a, b] in TET_EDGES {
+            let [a, b] = [tet[a] as usize, tet[b] as usize];
+            let length = mesh.nodes[a].distance(mesh.nodes[b]);
+            for v in [a, b] {
+                sums[v].0 += length;
+                sums[v].1 += 1;
+            }
+        }
+    }
+    sums.iter()
+        .map(|(sum, count)| sum / f64::from((*count).max(1)))
+        .collect()
+}
