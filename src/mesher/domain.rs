@@ -5,7 +5,8 @@ use glam::DVec3;
 /// Space divided into regions 1, 2, … and the outside, 0.
 ///
 /// Each region has a weight at every point, which changes continuously; a point belongs to the
-/// region of the largest weight (the lowest region where several are equal).
+/// region of the largest weight (the lowest region where several are equal). Regions stay below
+/// `u16::MAX`.
 pub trait Domain: Sync {
     /// A box beyond which everything is outside: (lower corner, upper corner).
     fn bounds(&self) -> (DVec3, DVec3);
@@ -13,4 +14,57 @@ pub trait Domain: Sync {
     /// Empties `weights` and fills it with (region, weight) at `p`, in no particular order. A
     /// region that is not named has the weight 0.
     fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>);
+
+    /// The one region that all of the closed box from `low` to `high` belongs to; none where
+    /// there are several, or where that is not known cheaply. What this says decides how coarse
+    /// the lattice may be, so that a domain that never knows is filled evenly.
+    fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {
+        let _ = (low, high);
+        None
+    }
+}
+
+/// A domain with room for the weights at one point: one for each thread.
+pub(super) struct Sampler<'a> {
+    domain: &'a dyn Domain,
+    weights: Vec<(u16, f64)>,
+}
+
+impl<'a> Sampler<'a> {
+    pub(super) fn new(domain: &'a dyn Domain) -> Sampler<'a> {
+        Sampler {
+            domain,
+            weights: Vec::new(),
+        }
+    }
+
+    /// The region `p` belongs to.
+    pub(super) fn region(&mut self, p: DVec3) -> u16 {
+        self.domain.weights(p, &mut self.weights);
+        let outside = self.weight(0);
+        let mut best = (0, outside);
+        for &(region, weight) in &self.weights {
+            if weight > best.1 || (weight == best.1 && region < best.0) {
+                best = (region, weight);
+            }
+        }
+        best.0
+    }
+
+    /// The weights of `regions` at `p`.
+    pub(super) fn of<const N: usize>(&mut self, p: DVec3, regions: [u16; N]) -> [f64; N] {
+        self.domain.weights(p, &mut self.weights);
+        regions.map(|r| self.weight(r))
+    }
+
+    /// By how much the weight of `a` exceeds that of `b` at `p`.
+    pub(super) fn excess(&mut self, p: DVec3, a: u16, b: u16) -> f64 {
+        let [a, b] = self.of(p, [a, b]);
+        a - b
+    }
+
+    fn weight(&self, region: u16) -> f64 {
+        let named = self.weights.iter().find(|w| w.0 == region);
+        named.map_or(0.0, |w| w.1)
+    }
 }

@@ -1,12 +1,241 @@
 //! From scans and surfaces to tetrahedral meshes.
+//!
+//! A [`Domain`] says which region each point belongs to; [`fill`] makes the tets. After Labelle &
+//! Shewchuk, *Isosurface stuffing: fast tetrahedral meshes with good dihedral angles* (2007),
+//! carried to several regions in the manner of Bronson, Levine & Whitaker, *Lattice cleaving*
+//! (2014):
+//!
+//! 1. `octree`: the smallest leaves along all boundaries, larger ones away from them.
+//! 2. `lattice`: the octree’s points and tets, a body-centred cubic lattice where leaves are equal.
+//! 3. `cut`: the region of each point; where edges between regions are cut; points close to a cut
+//!    are moved onto it.
+//! 4. `stencil`, `junction`: what each tet is divided into.
 
+mod cut;
 mod domain;
+mod junction;
+mod label_domain;
+mod lattice;
 mod length;
+mod octree;
+mod report;
+mod spacing;
+mod stencil;
 mod window;
 
 pub use domain::Domain;
+pub use label_domain::LabelDomain;
 pub use length::{Length, metres_in};
+pub use report::{MeshReport, RegionReport};
 pub use window::Window;
+
+use crate::{Error, Result};
+use cut::{CutLattice, assign_regions};
+use domain::Sampler;
+use glam::DVec3;
+use junction::Junctions;
+use lattice::LatticeMesh;
+use octree::Octree;
+use rayon::prelude::*;
+use spacing::find_spacing;
+use stencil::{Piece, Stencils};
 
 /// Told what is being done and the fraction of it that is done, now and then.
 pub type Progress<'a> = &'a (dyn Fn(&str, f64) + Sync);
+
+/// How large the tets are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Spacing {
+    /// The lattice's edge at region boundaries; tets have edges of about that length.
+    Edge(f64),
+    /// The edge is found that makes about as many tets.
+    Tets(usize),
+}
+
+/// What [`fill`] is to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshOptions {
+    /// How large the tets at region boundaries are.
+    pub spacing: Spacing,
+    /// How much larger the largest tets inside a region may be: 1, 2, 4, … (others are rounded
+    /// down).
+    pub grading: f64,
+    /// Pieces of a region of less volume than this are given to what surrounds them.
+    pub min_island: f64,
+    /// By how many edges the lattice is moved, as seen from the lower corner of the domain's
+    /// bounds, where one of its points lies otherwise.
+    pub offset: DVec3,
+}
+
+impl Default for MeshOptions {
+    fn default() -> MeshOptions {
+        MeshOptions {
+            spacing: Spacing::Tets(50_000),
+            grading: 4.0,
+            min_island: 0.0,
+            offset: DVec3::ZERO,
+        }
+    }
+}
+
+/// A domain filled with tets.
+#[derive(Clone, Debug)]
+pub struct Filling {
+    /// Node positions.
+    pub nodes: Vec<DVec3>,
+    /// Four nodes a tet, positively oriented.
+    pub tets: Vec<[u32; 4]>,
+    /// The region of each tet, from 1 on.
+    pub regions: Vec<u16>,
+    /// How it was made, and how good it is.
+    pub report: MeshReport,
+}
+
+/// Fills the regions of `domain` with tets that conform where regions meet.
+///
+/// The same domain and options give the same bytes, whatever the number of threads. `progress`
+/// is told what is being done.
+///
+/// # Errors
+/// A domain without an inside, options that make no sense, an edge so small that 32 bits cannot
+/// count the tets, or so large that nothing of the body is left.
+pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> Result<Filling> {
+    check(options)?;
+    let trial = |edge| lay(domain, options, edge, progress);
+    let laid = match options.spacing {
+        Spacing::Edge(edge) => trial(edge)?,
+        Spacing::Tets(wanted) => {
+            let (low, high) = domain.bounds();
+            let volume = (high - low).to_array().iter().product();
+            find_spacing(wanted, volume, trial, Laid::tets)?
+        }
+    };
+    let filling = finish(laid)?;
+    progress("done", 1.0);
+    Ok(filling)
+}
+
+/// A domain divided into tets, those outside along its boundary among them.
+struct Laid {
+    nodes: Vec<DVec3>,
+    pieces: Vec<Piece>,
+    report: MeshReport,
+}
+
+impl Laid {
+    /// Number of tets inside.
+    fn tets(&self) -> usize {
+        self.pieces.iter().filter(|p| p.1 != 0).count()
+    }
+}
+
+/// Lays a lattice with that edge over the domain, cuts it and divides its tets.
+fn lay(domain: &dyn Domain, options: &MeshOptions, edge: f64, progress: Progress) -> Result<Laid> {
+    let mut report = MeshReport::start(edge);
+    let levels = options.grading.log2().floor() as u32;
+    progress("lattice", 0.0);
+    let tree = Octree::new(domain, edge, levels, options.offset)?;
+    let lattice = LatticeMesh::new(&tree)?;
+    report.stage("lattice");
+    progress("boundaries", 0.2);
+    let region = assign_regions(domain, &lattice);
+    let cut = CutLattice::new(domain, &lattice, region);
+    let junctions = Junctions::new(domain, &lattice, &cut);
+    report.stage("boundaries");
+    progress("tets", 0.5);
+    report.snapped_nodes = cut.snapped;
+    [report.triple_points, report.quadruple_points] = junctions.counts();
+    let nodes: Vec<DVec3> = [&cut.positions[..], &cut.cuts, &junctions.points].concat();
+    let stencils = Stencils {
+        lattice: &lattice,
+        cut: &cut,
+        junctions: &junctions,
+        nodes: &nodes,
+    };
+    let pieces: Vec<Vec<Piece>> = (0..lattice.tets.len() as u32)
+        .into_par_iter()
+        .with_min_len(1024)
+        .fold(
+            || (Sampler::new(domain), Vec::new()),
+            |(mut sampler, mut pieces), t| {
+                stencils.divide(t, &mut sampler, &mut pieces);
+                (sampler, pieces)
+            },
+        )
+        .map(|(_, pieces)| pieces)
+        .collect();
+    let pieces = pieces.concat();
+    report.stage("tets");
+    Ok(Laid {
+        nodes,
+        pieces,
+        report,
+    })
+}
+
+fn check(options: &MeshOptions) -> Result<()> {
+    let said = |what: &str, value: f64, want: &str| {
+        Err(Error::Input(format!(
+            "{what} cannot be {value}; give {want}"
+        )))
+    };
+    if let Spacing::Edge(edge) = options.spacing
+        && !(edge.is_finite() && edge > 0.0)
+    {
+        return said("the edge of the tets", edge, "a positive length");
+    }
+    if !(1.0..=1024.0).contains(&options.grading) {
+        return said("the grading", options.grading, "a factor from 1 to 1024");
+    }
+    if options.min_island.is_nan() || options.min_island < 0.0 {
+        return said(
+            "the least volume of an island",
+            options.min_island,
+            "0 or more",
+        );
+    }
+    if !options.offset.is_finite() || options.offset.abs().max_element() > 1.0 {
+        return Err(Error::Input(format!(
+            "the lattice cannot be moved by {} edges; give up to 1 along each axis",
+            options.offset
+        )));
+    }
+    Ok(())
+}
+
+/// Leaves out what is outside and the nodes that nothing uses, and measures the rest.
+fn finish(laid: Laid) -> Result<Filling> {
+    let Laid {
+        nodes,
+        pieces,
+        report,
+    } = laid;
+    let mut number = vec![u32::MAX; nodes.len()];
+    let mut filling = Filling {
+        nodes: Vec::new(),
+        tets: Vec::new(),
+        regions: Vec::new(),
+        report,
+    };
+    for (tet, region) in pieces.into_iter().filter(|p| p.1 != 0) {
+        filling.tets.push(tet.map(|v| {
+            let n = &mut number[v as usize];
+            if *n == u32::MAX {
+                *n = filling.nodes.len() as u32;
+                filling.nodes.push(nodes[v as usize]);
+            }
+            *n
+        }));
+        filling.regions.push(region);
+    }
+    if filling.tets.is_empty() {
+        return Err(Error::Input(
+            "nothing of the body is left at this size of tets; ask for smaller or more of them"
+                .into(),
+        ));
+    }
+    filling
+        .report
+        .measure(&filling.nodes, &filling.tets, &filling.regions);
+    Ok(filling)
+}

@@ -1,0 +1,154 @@
+//! Where the boundaries between regions cross the edges of the lattice, and which points of the
+//! lattice are moved onto them.
+
+use super::Domain;
+use super::domain::Sampler;
+use super::lattice::LatticeMesh;
+use crate::mesh::TET_EDGES;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// A point is moved when a long edge (along an axis) is cut within this part of its length.
+const SNAP_LONG: f64 = 0.24999;
+
+/// The same for a short edge, which runs from a corner to a centre of a leaf.
+const SNAP_SHORT: f64 = 0.41189;
+
+/// In place of a region: the point has been moved onto a boundary, and every region touches it.
+pub(super) const ON_BOUNDARY: u16 = u16::MAX;
+
+/// The lattice with its points assigned to regions and its edges cut.
+pub(super) struct CutLattice {
+    /// The region of each point, or [`ON_BOUNDARY`].
+    pub region: Vec<u16>,
+    /// The points, those on a boundary moved there.
+    pub positions: Vec<DVec3>,
+    /// For each point on a boundary the two regions that meet there, the lower first.
+    pub sides: Vec<[u16; 2]>,
+    /// The cut edges whose ends were not moved, (smaller, larger) point, sorted.
+    pub edges: Vec<[u32; 2]>,
+    /// Where they are cut.
+    pub cuts: Vec<DVec3>,
+    /// Number of points that were moved.
+    pub snapped: usize,
+}
+
+/// The region of every point of the lattice.
+pub(super) fn assign_regions(domain: &dyn Domain, lattice: &LatticeMesh) -> Vec<u16> {
+    let points = lattice.positions.par_iter().zip(&lattice.known);
+    points
+        .map_init(
+            || Sampler::new(domain),
+            |sampler, (p, known)| known.unwrap_or_else(|| sampler.region(*p)),
+        )
+        .collect()
+}
+
+impl CutLattice {
+    pub(super) fn new(domain: &dyn Domain, lattice: &LatticeMesh, region: Vec<u16>) -> CutLattice {
+        let mut edges: Vec<[u32; 2]> = lattice
+            .tets
+            .par_iter()
+            .flat_map_iter(|tet| {
+                let region = &region;
+                TET_EDGES.into_iter().filter_map(move |[i, j]| {
+                    let (a, b) = (tet[i], tet[j]);
+                    let cut = region[a as usize] != region[b as usize];
+                    cut.then_some([a.min(b), a.max(b)])
+                })
+            })
+            .collect();
+        edges.par_sort_unstable();
+        edges.dedup();
+        let cuts: Vec<f64> = edges
+            .par_iter()
+            .map_init(
+                || Sampler::new(domain),
+                |sampler, [a, b]| {
+                    let ends = [a, b].map(|p| lattice.positions[*p as usize]);
+                    crossing(sampler, ends, [a, b].map(|p| region[*p as usize]))
+                },
+            )
+            .collect();
+        let mut whole = CutLattice {
+            sides: vec![[0; 2]; region.len()],
+            region,
+            positions: lattice.positions.clone(),
+            edges: Vec::new(),
+            cuts: Vec::new(),
+            snapped: 0,
+        };
+        whole.snap(lattice, &edges, &cuts);
+        for (edge, t) in edges.iter().zip(&cuts) {
+            if edge
+                .iter()
+                .all(|p| whole.region[*p as usize] != ON_BOUNDARY)
+            {
+                let [a, b] = edge.map(|p| lattice.positions[p as usize]);
+                whole.edges.push(*edge);
+                whole.cuts.push(a.lerp(b, *t));
+            }
+        }
+        whole
+    }
+
+    /// Moves every point that has a cut close by to the nearest one.
+    fn snap(&mut self, lattice: &LatticeMesh, edges: &[[u32; 2]], cuts: &[f64]) {
+        let mut nearest = vec![(f64::INFINITY, u32::MAX); lattice.positions.len()];
+        for (e, (edge, &t)) in edges.iter().zip(cuts).enumerate() {
+            let length = edge.map(|p| lattice.positions[p as usize]);
+            let length = length[0].distance(length[1]);
+            let limit = match lattice.is_long(edge[0], edge[1]) {
+                true => SNAP_LONG,
+                false => SNAP_SHORT,
+            };
+            for (point, part) in [(edge[0], t), (edge[1], 1.0 - t)] {
+                let best = &mut nearest[point as usize];
+                if part < limit && part * length < best.0 {
+                    *best = (part * length, e as u32);
+                }
+            }
+        }
+        let regions = self.region.clone();
+        for (p, (_, e)) in nearest.into_iter().enumerate() {
+            let Some(edge) = edges.get(e as usize) else {
+                continue;
+            };
+            let [a, b] = edge.map(|p| lattice.positions[p as usize]);
+            self.positions[p] = a.lerp(b, cuts[e as usize]);
+            let [r, s] = edge.map(|p| regions[p as usize]);
+            self.sides[p] = [r.min(s), r.max(s)];
+            self.region[p] = ON_BOUNDARY;
+            self.snapped += 1;
+        }
+    }
+}
+
+/// Where the regions of the two ends weigh the same, as a fraction of the edge from the first.
+fn crossing(sampler: &mut Sampler, [from, to]: [DVec3; 2], [a, b]: [u16; 2]) -> f64 {
+    let (mut low, mut f_low) = (0.0, sampler.excess(from, a, b));
+    let (mut high, mut f_high) = (1.0, sampler.excess(to, a, b));
+    let least = 1e-9 * (f_low - f_high);
+    let (mut t, mut moved_last) = (0.5, None);
+    // False position after Illinois; ten rounds reach rounding on anything smooth.
+    for _ in 0..12 {
+        t = (low * f_high - high * f_low) / (f_high - f_low);
+        if !(t > low && t < high) {
+            t = 0.5 * (low + high);
+        }
+        let f = sampler.excess(from.lerp(to, t), a, b);
+        if f.abs() <= least || high - low < 1e-6 {
+            break;
+        }
+        // An end that stays twice in a row counts half, or it would stay for good.
+        if f > 0.0 {
+            (low, f_low) = (t, f);
+            f_high *= if moved_last == Some(true) { 0.5 } else { 1.0 };
+        } else {
+            (high, f_high) = (t, f);
+            f_low *= if moved_last == Some(false) { 0.5 } else { 1.0 };
+        }
+        moved_last = Some(f > 0.0);
+    }
+    t.clamp(1e-3, 1.0 - 1e-3)
+}

@@ -1,0 +1,293 @@
+//! The labels of a volume as a domain.
+
+use super::Domain;
+use crate::volume::Volume;
+use crate::{Error, Result};
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Bricks of voxels that are not all of one region.
+const MIXED: u16 = u16::MAX;
+
+/// The labels of a volume: each voxel's label, and 0 beyond the volume, smoothed by the quadratic
+/// B-spline over the nearest 3 × 3 × 3 voxels.
+///
+/// The boundary between two labels lies half-way between their voxels where it is flat, and is
+/// smooth where the voxels make stairs.
+#[derive(Debug)]
+pub struct LabelDomain {
+    size: [usize; 3],
+    /// The region of each voxel.
+    regions: Vec<u16>,
+    /// Regions of bricks of 2³, 4³, … voxels, or [`MIXED`].
+    bricks: Vec<([usize; 3], Vec<u16>)>,
+    labels: Vec<i64>,
+    voxels: Vec<usize>,
+    /// The box, in voxels, that holds all regions.
+    extent: (DVec3, DVec3),
+    to_world: DAffine3,
+    to_index: DAffine3,
+}
+
+impl LabelDomain {
+    /// The regions of `volume` that have the given labels, in that order; with none given those
+    /// of all labels but 0, rising.
+    ///
+    /// # Errors
+    /// No voxel with a label that was asked for; more than 65,534 labels; values that are not
+    /// whole numbers; a volume without an extent.
+    pub fn new(volume: &Volume, labels: Option<&[i64]>) -> Result<LabelDomain> {
+        let to_index = volume.to_world.inverse();
+        if !to_index.is_finite() {
+            return Err(Error::Input(
+                "the volume is flat: its axes span no space, so that it cannot be meshed".into(),
+            ));
+        }
+        let count = volume.voxels().min(volume.raw.len());
+        let labels = match labels {
+            Some(labels) => labels.to_vec(),
+            None => present(volume)?,
+        };
+        if labels.len() >= usize::from(MIXED) {
+            return Err(Error::Input(format!(
+                "the volume has {} different labels; choose fewer than {MIXED}, or mesh it from a threshold if it is no label map",
+                labels.len()
+            )));
+        }
+        let number: BTreeMap<i64, u16> = labels.iter().copied().zip(1..).collect();
+        let mut last = (f64::NAN, 0);
+        let mut regions = vec![0u16; count];
+        let mut voxels = vec![0usize; labels.len() + 1];
+        for (i, region) in regions.iter_mut().enumerate() {
+            let value = volume.value(i);
+            if value != last.0 {
+                last = (value, number.get(&(value as i64)).copied().unwrap_or(0));
+            }
+            *region = last.1;
+            voxels[usize::from(last.1)] += 1;
+        }
+        if let Some(absent) = voxels.iter().skip(1).position(|n| *n == 0) {
+            return Err(Error::Input(format!(
+                "no voxel has the label {}; the volume has {}",
+                labels[absent],
+                listed(&present(volume)?)
+            )));
+        }
+        let mut domain = LabelDomain {
+            size: volume.size,
+            bricks: Vec::new(),
+            extent: extent(&regions, volume.size),
+            regions,
+            labels,
+            voxels,
+            to_world: volume.to_world,
+            to_index,
+        };
+        domain.build_bricks();
+        Ok(domain)
+    }
+
+    /// The label of each region, from region 1 on.
+    pub fn labels(&self) -> &[i64] {
+        &self.labels
+    }
+
+    /// The volume of each region's voxels, from region 1 on.
+    pub fn voxel_volumes(&self) -> Vec<f64> {
+        let voxel = self.to_world.matrix3.determinant().abs();
+        let counts = self.voxels.iter().skip(1);
+        counts.map(|n| *n as f64 * voxel).collect()
+    }
+
+    fn at(&self, i: isize, j: isize, k: isize) -> u16 {
+        let [nx, ny, nz] = self.size;
+        match (usize::try_from(i), usize::try_from(j), usize::try_from(k)) {
+            (Ok(i), Ok(j), Ok(k)) if i < nx && j < ny && k < nz => {
+                self.regions[i + nx * (j + ny * k)]
+            }
+            _ => 0,
+        }
+    }
+
+    fn build_bricks(&mut self) {
+        let (mut size, mut below) = (self.size, &self.regions);
+        while size.iter().any(|n| *n > 1) {
+            let half = size.map(|n| n.div_ceil(2));
+            let bricks: Vec<u16> = (0..half.iter().product::<usize>())
+                .into_par_iter()
+                .with_min_len(1024)
+                .map(|b| {
+                    let at = [b % half[0], b / half[0] % half[1], b / half[0] / half[1]];
+                    let mut found = None;
+                    for n in 0..8 {
+                        let [i, j, k] = [0, 1, 2].map(|a| 2 * at[a] + (n >> a & 1));
+                        if i < size[0] && j < size[1] && k < size[2] {
+                            let region = below[i + size[0] * (j + size[1] * k)];
+                            if *found.get_or_insert(region) != region {
+                                return MIXED;
+                            }
+                        }
+                    }
+                    found.unwrap_or(0)
+                })
+                .collect();
+            self.bricks.push((half, bricks));
+            size = half;
+            below = match self.bricks.last() {
+                Some((_, bricks)) => bricks,
+                None => break,
+            };
+        }
+    }
+
+    /// Whether all voxels of a brick that lie within `range` are of the region `found`, which is
+    /// set by the first of them.
+    fn is_one(
+        &self,
+        level: usize,
+        brick: [usize; 3],
+        range: [[usize; 3]; 2],
+        found: &mut Option<u16>,
+    ) -> bool {
+        let (size, regions) = match level {
+            0 => (self.size, &self.regions),
+            _ => (self.bricks[level - 1].0, &self.bricks[level - 1].1),
+        };
+        let [i, j, k] = brick;
+        let region = regions[i + size[0] * (j + size[1] * k)];
+        if region != MIXED {
+            return *found.get_or_insert(region) == region;
+        }
+        let below = match level {
+            1 => self.size,
+            _ => self.bricks[level - 2].0,
+        };
+        (0..8).all(|n| {
+            let child = [0, 1, 2].map(|a| 2 * brick[a] + (n >> a & 1));
+            let within = (0..3).all(|a| {
+                let first = child[a] << (level - 1);
+                let end = (child[a] + 1) << (level - 1);
+                child[a] < below[a] && first <= range[1][a] && end > range[0][a]
+            });
+            !within || self.is_one(level - 1, child, range, found)
+        })
+    }
+}
+
+impl Domain for LabelDomain {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        let (low, high) = self.extent;
+        world_box(&self.to_world, low, high)
+    }
+
+    fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+        weights.clear();
+        let x = self.to_index.transform_point3(p);
+        let near = x.round();
+        // Beyond the volume, and a voxel around it, is outside.
+        let size = DVec3::from(self.size.map(|n| n as f64));
+        if !(near.cmpge(DVec3::splat(-2.0)).all() && near.cmple(size + 1.0).all()) {
+            weights.push((0, 1.0));
+            return;
+        }
+        let d = x - near;
+        let spline = [
+            0.5 * (0.5 - d) * (0.5 - d),
+            0.75 - d * d,
+            0.5 * (0.5 + d) * (0.5 + d),
+        ];
+        let [i, j, k] = near.to_array().map(|c| c as isize);
+        for (dk, wk) in (-1..).zip(spline.map(|w| w.z)) {
+            for (dj, wj) in (-1..).zip(spline.map(|w| w.y)) {
+                for (di, wi) in (-1..).zip(spline.map(|w| w.x)) {
+                    let region = self.at(i + di, j + dj, k + dk);
+                    let weight = wi * wj * wk;
+                    match weights.iter_mut().find(|w| w.0 == region) {
+                        Some(sum) => sum.1 += weight,
+                        None => weights.push((region, weight)),
+                    }
+                }
+            }
+        }
+    }
+
+    fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {
+        let (low, high) = world_box(&self.to_index, low, high);
+        // The voxels that have a part in any weight within the box.
+        let first = (low - 1.5).ceil();
+        let last = (high + 1.5).floor();
+        let end = DVec3::from(self.size.map(|n| n as f64 - 1.0));
+        if first.cmpgt(end).any() || last.cmplt(DVec3::ZERO).any() {
+            return Some(0);
+        }
+        let beyond = first.cmplt(DVec3::ZERO).any() || last.cmpgt(end).any();
+        let range =
+            [first.max(DVec3::ZERO), last.min(end)].map(|c| c.to_array().map(|c| c as usize));
+        let widest = (0..3).map(|a| range[1][a] - range[0][a]).max().unwrap_or(0);
+        let level = (usize::BITS - widest.leading_zeros()) as usize;
+        let level = level.min(self.bricks.len());
+        let bricks = range.map(|c| c.map(|c| c >> level));
+        let mut found = beyond.then_some(0);
+        for k in bricks[0][2]..=bricks[1][2] {
+            for j in bricks[0][1]..=bricks[1][1] {
+                for i in bricks[0][0]..=bricks[1][0] {
+                    if !self.is_one(level, [i, j, k], range, &mut found) {
+                        return None;
+                    }
+                }
+            }
+        }
+        found
+    }
+}
+
+/// The box, half a voxel beyond the voxels of any region; the lower corner above the upper when
+/// there are none.
+fn extent(regions: &[u16], [nx, ny, _]: [usize; 3]) -> (DVec3, DVec3) {
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    regions
+        .par_chunks(nx.max(1))
+        .enumerate()
+        .filter_map(|(row, voxels)| {
+            let first = voxels.iter().position(|r| *r != 0)?;
+            let last = voxels.iter().rposition(|r| *r != 0)?;
+            let (j, k) = ((row % ny) as f64, (row / ny) as f64);
+            let low = DVec3::new(first as f64, j, k) - 0.5;
+            let high = DVec3::new(last as f64, j, k) + 0.5;
+            Some((low, high))
+        })
+        .reduce(|| none, |a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+/// The box with sides along the axes around the image of a box.
+pub(super) fn world_box(map: &DAffine3, low: DVec3, high: DVec3) -> (DVec3, DVec3) {
+    let centre = map.transform_point3(0.5 * (low + high));
+    let half = 0.5 * (high - low);
+    let m = map.matrix3;
+    let reach = m.x_axis.abs() * half.x + m.y_axis.abs() * half.y + m.z_axis.abs() * half.z;
+    (centre - reach, centre + reach)
+}
+
+/// Up to ten numbers in words.
+fn listed(labels: &[i64]) -> String {
+    let first: Vec<String> = labels.iter().take(10).map(i64::to_string).collect();
+    let more = if labels.len() > 10 { ", …" } else { "" };
+    format!("{}{more}", first.join(", "))
+}
+
+/// The labels of a volume but for 0, rising.
+fn present(volume: &Volume) -> Result<Vec<i64>> {
+    let Some(counts) = volume.labels() else {
+        return Err(Error::Input(
+            "the volume is no label map: its values are not whole numbers, or there are too many different ones; mesh it from a threshold instead".into(),
+        ));
+    };
+    let labels: Vec<i64> = counts.into_keys().filter(|l| *l != 0).collect();
+    match labels.is_empty() {
+        true => Err(Error::Input(
+            "all voxels are 0: there is no label to mesh".into(),
+        )),
+        false => Ok(labels),
+    }
+}

@@ -1,0 +1,172 @@
+//! The tets of an octree: a body-centred cubic lattice where leaves are equal, and a transition
+//! between leaves of different size.
+//!
+//! After Labelle & Shewchuk, *Isosurface stuffing* (2007), section 4. Tets lie between the centres
+//! of two leaves and an edge of the face between them, halved where smaller leaves put a point
+//! there; between leaves of different size the smaller faces, each cut along the diagonal from
+//! the middle of the large face, are joined to both centres.
+
+use super::octree::{Lattice, Leaf, Octree, key, side};
+use crate::{Error, Result};
+use glam::DVec3;
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+/// The corners of the face of a leaf on the upper side of an axis, run around.
+const AROUND: [[u32; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
+
+/// The points and tets of an octree.
+pub(super) struct LatticeMesh {
+    /// Where the points lie on the lattice.
+    pub points: Vec<Lattice>,
+    /// Where they lie in space.
+    pub positions: Vec<DVec3>,
+    /// The region that is known of a point from its leaf.
+    pub known: Vec<Option<u16>>,
+    /// Four points a tet, in any orientation.
+    pub tets: Vec<[u32; 4]>,
+}
+
+impl LatticeMesh {
+    pub(super) fn new(tree: &Octree) -> Result<LatticeMesh> {
+        let mut index: FxHashMap<u64, u32> = FxHashMap::default();
+        index.reserve(tree.leaves.len() * 5 / 2);
+        let mut points: Vec<Lattice> = Vec::new();
+        let mut known: Vec<Option<u16>> = Vec::new();
+        let mut own: Vec<[u32; 9]> = Vec::with_capacity(tree.leaves.len());
+        for leaf in &tree.leaves {
+            own.push([0, 1, 2, 3, 4, 5, 6, 7, 8].map(|n| {
+                let point = point_of(leaf, n);
+                let next = points.len() as u32;
+                let found = *index.entry(key(point)).or_insert(next);
+                if found == next {
+                    points.push(point);
+                    known.push(leaf.region);
+                } else if known[found as usize].is_none() {
+                    known[found as usize] = leaf.region;
+                }
+                found
+            }));
+        }
+        if points.len() > u32::MAX as usize / 4 {
+            return Err(Error::Input(
+                "the mesh has more nodes than 32-bit indices allow; give a larger edge".into(),
+            ));
+        }
+        let between = Between {
+            tree,
+            points: &points,
+            own: &own,
+            index: &index,
+        };
+        let chunks: Vec<Vec<[u32; 4]>> = (0..tree.leaves.len())
+            .into_par_iter()
+            .with_min_len(256)
+            .fold(Vec::new, |mut tets, l| {
+                between.tets_of(l as u32, &mut tets);
+                tets
+            })
+            .collect();
+        let positions = points.par_iter().map(|p| tree.position(*p)).collect();
+        Ok(LatticeMesh {
+            points,
+            positions,
+            known,
+            tets: chunks.concat(),
+        })
+    }
+
+    /// Whether the edge between two neighbours runs along an axis.
+    pub(super) fn is_long(&self, a: u32, b: u32) -> bool {
+        let (a, b) = (self.points[a as usize], self.points[b as usize]);
+        (0..3).filter(|i| a[*i] != b[*i]).count() == 1
+    }
+}
+
+/// Corner `n` of a leaf for n below 8, the centre for 8.
+fn point_of(leaf: &Leaf, n: u32) -> Lattice {
+    let side = side(leaf.level);
+    match n {
+        8 => leaf.corner.map(|c| c + side / 2),
+        _ => [0, 1, 2].map(|axis| leaf.corner[axis] + (n >> axis & 1) * side),
+    }
+}
+
+/// What is needed to find the tets between leaves.
+struct Between<'a> {
+    tree: &'a Octree,
+    points: &'a [Lattice],
+    own: &'a [[u32; 9]],
+    index: &'a FxHashMap<u64, u32>,
+}
+
+impl Between<'_> {
+    /// The tets between leaf `l` and its neighbours: those of its size on the upper sides, and
+    /// those twice as large on all.
+    fn tets_of(&self, l: u32, tets: &mut Vec<[u32; 4]>) {
+        let leaf = self.tree.leaves[l as usize];
+        let own = self.own[l as usize];
+        let size = side(leaf.level);
+        for axis in 0..3 {
+            for upper in [true, false] {
+                let mut beside = leaf.corner;
+                beside[axis] = match upper {
+                    true => beside[axis] + size,
+                    false => match beside[axis].checked_sub(size) {
+                        Some(lower) => lower,
+                        None => continue,
+                    },
+                };
+                let face = AROUND.map(|[u, v]| {
+                    let (second, third) = ((axis + 1) % 3, (axis + 2) % 3);
+                    own[(u32::from(upper) << axis | u << second | v << third) as usize]
+                });
+                if let Some(other) = self.tree.find(beside, leaf.level) {
+                    if upper {
+                        self.equal(&leaf, face, [own[8], self.own[other as usize][8]], tets);
+                    }
+                    continue;
+                }
+                let holder = beside.map(|c| c / (2 * size) * (2 * size));
+                if let Some(other) = self.tree.find(holder, leaf.level + 1) {
+                    let centres = [own[8], self.own[other as usize][8]];
+                    // The middle of the large face is no corner of the large leaf.
+                    let middle = AROUND.iter().position(|[u, v]| {
+                        let steps = [(axis + 1) % 3, (axis + 2) % 3].into_iter().zip([u, v]);
+                        steps
+                            .into_iter()
+                            .all(|(a, s)| (leaf.corner[a] + s * size) % (2 * size) == size)
+                    });
+                    let m = middle.unwrap_or(0);
+                    let at = |n: usize| face[(m + n) % 4];
+                    for centre in centres {
+                        tets.push([at(0), at(1), at(2), centre]);
+                        tets.push([at(0), at(2), at(3), centre]);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The tets around the line between the centres of two equal leaves.
+    fn equal(&self, leaf: &Leaf, face: [u32; 4], [c, d]: [u32; 2], tets: &mut Vec<[u32; 4]>) {
+        for n in 0..4 {
+            let (a, b) = (face[n], face[(n + 1) % 4]);
+            let middle = match leaf.level {
+                0 => None,
+                _ => self.middle(a, b),
+            };
+            match middle {
+                Some(m) => tets.extend([[c, d, a, m], [c, d, m, b]]),
+                None => tets.push([c, d, a, b]),
+            }
+        }
+    }
+
+    /// The point half-way between two corners of a leaf, where there is one.
+    fn middle(&self, a: u32, b: u32) -> Option<u32> {
+        let (a, b) = (self.points[a as usize], self.points[b as usize]);
+        let middle = [0, 1, 2].map(|axis| (a[axis] + b[axis]) / 2);
+        self.index.get(&key(middle)).copied()
+    }
+}

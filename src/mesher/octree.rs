@@ -1,0 +1,271 @@
+//! A balanced octree over a domain: the smallest leaves along all region boundaries, growing
+//! leaves away from them.
+
+use super::Domain;
+use crate::{Error, Result};
+use glam::DVec3;
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Bits of a lattice coordinate; three of them fit 64.
+const BITS: u32 = 21;
+
+/// The largest leaves by which empty space is searched: 2⁵ of the smallest.
+const SEARCH_LEVEL: u32 = 5;
+
+/// More leaves than this have more tets than 32 bits count.
+const MAX_LEAVES: usize = (u32::MAX / 64) as usize;
+
+/// A point of the lattice, in half edges of the smallest leaf.
+pub(super) type Lattice = [u32; 3];
+
+/// A cube of the octree.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Leaf {
+    /// Its lower corner; all coordinates are multiples of its [`side`].
+    pub corner: Lattice,
+    /// The smallest leaves have level 0, and each level is twice as large as the one below.
+    pub level: u32,
+    /// The region that all of it belongs to, where that is known.
+    pub region: Option<u16>,
+}
+
+/// The leaves of an octree, along a Morton curve.
+pub(super) struct Octree {
+    pub leaves: Vec<Leaf>,
+    /// For each level, the place of a leaf in `leaves` by the key of its corner.
+    index: Vec<FxHashMap<u64, u32>>,
+    origin: DVec3,
+    half: f64,
+}
+
+/// The length of a leaf's side in half edges.
+pub(super) fn side(level: u32) -> u32 {
+    2 << level
+}
+
+/// A lattice point as one number, in the order z, y, x.
+pub(super) fn key(p: Lattice) -> u64 {
+    u64::from(p[0]) | u64::from(p[1]) << BITS | u64::from(p[2]) << (2 * BITS)
+}
+
+impl Octree {
+    /// The octree over `domain` whose smallest leaves have the side `edge`, its largest `2^levels`
+    /// times that. Its planes run through the lower corner of the domain's bounds, moved by
+    /// `offset` edges. Leaves that are outside, and a leaf away from every region, are left out.
+    pub(super) fn new(
+        domain: &dyn Domain,
+        edge: f64,
+        levels: u32,
+        offset: DVec3,
+    ) -> Result<Octree> {
+        let (low, high) = domain.bounds();
+        let extent = high - low;
+        if !(extent.is_finite() && extent.min_element() >= 0.0) {
+            return Err(Error::Input(
+                "there is nothing to mesh: no voxel or point is inside a region".into(),
+            ));
+        }
+        // Two cells to spare on each side, and a third for the offset.
+        let origin = low + (offset - 3.0) * edge;
+        let top = levels.max(SEARCH_LEVEL);
+        let across = ((extent / edge).max_element() + 7.0) / f64::from(1u32 << top);
+        if edge <= 0.0 || (across + 1.0) * f64::from(side(top)) >= f64::from(1u32 << BITS) {
+            return Err(Error::Input(format!(
+                "an edge of {edge} does not suit a body of the size {extent}; give one between {:.3e} and {:.3e}",
+                extent.max_element() / f64::from(1u32 << (BITS - 2)),
+                extent.max_element()
+            )));
+        }
+        let blocks = ((extent / edge + 7.0) / f64::from(1u32 << top))
+            .to_array()
+            .map(|n| n.floor() as usize + 1);
+        let mut tree = Octree {
+            leaves: Vec::new(),
+            index: vec![FxHashMap::default(); levels as usize + 1],
+            origin,
+            half: 0.5 * edge,
+        };
+        let made = AtomicUsize::new(0);
+        let leaves: Vec<Vec<Leaf>> = (0..blocks.iter().product::<usize>())
+            .into_par_iter()
+            .map(|b| {
+                let block = [
+                    b % blocks[0],
+                    b / blocks[0] % blocks[1],
+                    b / blocks[0] / blocks[1],
+                ];
+                let root = Leaf {
+                    corner: block.map(|i| i as u32 * side(top)),
+                    level: top,
+                    region: None,
+                };
+                let mut leaves = Vec::new();
+                tree.divide(domain, root, levels, &made, &mut leaves);
+                leaves
+            })
+            .collect();
+        if made.into_inner() > MAX_LEAVES {
+            return Err(Error::Input(format!(
+                "an edge of {edge} makes more tets than 32-bit indices allow; give a larger one"
+            )));
+        }
+        for leaf in leaves.into_iter().flatten() {
+            tree.leaves.push(leaf);
+        }
+        tree.balance(levels);
+        tree.leaves.par_sort_unstable_by_key(|l| morton(l.corner));
+        for (i, leaf) in tree.leaves.iter().enumerate() {
+            tree.index[leaf.level as usize].insert(key(leaf.corner), i as u32);
+        }
+        Ok(tree)
+    }
+
+    /// Where a lattice point lies.
+    pub(super) fn position(&self, p: Lattice) -> DVec3 {
+        self.origin + DVec3::from(p.map(f64::from)) * self.half
+    }
+
+    /// The leaf of that level with that corner.
+    pub(super) fn find(&self, corner: Lattice, level: u32) -> Option<u32> {
+        self.index.get(level as usize)?.get(&key(corner)).copied()
+    }
+
+    /// Adds the leaves of `cell` to `leaves`, divided where a boundary comes within an edge of it.
+    fn divide(
+        &self,
+        domain: &dyn Domain,
+        cell: Leaf,
+        levels: u32,
+        made: &AtomicUsize,
+        leaves: &mut Vec<Leaf>,
+    ) {
+        if made.load(Ordering::Relaxed) > MAX_LEAVES {
+            return;
+        }
+        let region = cell.region.or_else(|| {
+            // With an edge around it, a leaf next to a boundary's has boundary too.
+            let reach = 2.0 * self.half;
+            let low = self.position(cell.corner) - reach;
+            let high = self.position(cell.corner.map(|c| c + side(cell.level))) + reach;
+            domain.uniform(low, high)
+        });
+        if region == Some(0) {
+            return;
+        }
+        if cell.level == 0 || (cell.level <= levels && region.is_some()) {
+            made.fetch_add(1, Ordering::Relaxed);
+            leaves.push(Leaf { region, ..cell });
+            return;
+        }
+        for child in (Leaf { region, ..cell }).children() {
+            self.divide(domain, child, levels, made, leaves);
+        }
+    }
+
+    /// Divides leaves until those that share an edge or a face differ by one level at most.
+    fn balance(&mut self, levels: u32) {
+        if levels < 2 {
+            return;
+        }
+        let mut large: Vec<FxHashMap<u64, Option<u16>>> =
+            vec![FxHashMap::default(); levels as usize + 1];
+        for leaf in self.leaves.iter().filter(|l| l.level > 1) {
+            large[leaf.level as usize].insert(key(leaf.corner), leaf.region);
+        }
+        let mut waiting = std::mem::take(&mut self.leaves);
+        let mut small = Vec::with_capacity(waiting.len());
+        while let Some(leaf) = waiting.pop() {
+            let is_large = leaf.level > 1;
+            // It may have been divided since.
+            if is_large && !large[leaf.level as usize].contains_key(&key(leaf.corner)) {
+                continue;
+            }
+            let mut divided = false;
+            for level in leaf.level + 2..=levels {
+                for corner in ancestors_beside(leaf, level) {
+                    let Some(region) = large[level as usize].remove(&key(corner)) else {
+                        continue;
+                    };
+                    let parent = Leaf {
+                        corner,
+                        level,
+                        region,
+                    };
+                    for child in parent.children() {
+                        if child.level > 1 {
+                            large[child.level as usize].insert(key(child.corner), child.region);
+                        }
+                        waiting.push(child);
+                    }
+                    divided = true;
+                }
+            }
+            if divided {
+                // The child beside it may be too large still.
+                waiting.push(leaf);
+            } else if !is_large {
+                small.push(leaf);
+            }
+        }
+        self.leaves = small;
+        for (level, leaves) in large.into_iter().enumerate() {
+            self.leaves
+                .extend(leaves.into_iter().map(|(key, region)| Leaf {
+                    corner: from_key(key),
+                    level: level as u32,
+                    region,
+                }));
+        }
+    }
+}
+
+impl Leaf {
+    fn children(self) -> impl Iterator<Item = Leaf> {
+        let step = side(self.level) / 2;
+        (0..8).map(move |n| Leaf {
+            corner: [0, 1, 2].map(|axis| self.corner[axis] + (n >> axis & 1) * step),
+            level: self.level - 1,
+            region: self.region,
+        })
+    }
+}
+
+/// The corners of cells of `level` that hold a neighbour of `leaf` across a face or an edge, and
+/// not the leaf itself.
+fn ancestors_beside(leaf: Leaf, level: u32) -> impl Iterator<Item = Lattice> {
+    let (own, wide) = (side(leaf.level), side(level));
+    let holder = move |p: Lattice| p.map(|c| c / wide * wide);
+    let home = holder(leaf.corner);
+    (0..27u32).filter_map(move |n| {
+        let step = [n % 3, n / 3 % 3, n / 9];
+        let steps = step.iter().filter(|s| **s != 1).count();
+        if steps == 0 || steps == 3 {
+            return None;
+        }
+        let mut at = leaf.corner;
+        for axis in 0..3 {
+            at[axis] = (at[axis] + step[axis] * own).checked_sub(own)?;
+        }
+        let cell = holder(at);
+        (cell != home).then_some(cell)
+    })
+}
+
+fn from_key(key: u64) -> Lattice {
+    [0, 1, 2].map(|axis| (key >> (axis * BITS)) as u32 & ((1 << BITS) - 1))
+}
+
+/// The interleaved bits of a lattice point.
+fn morton(p: Lattice) -> u64 {
+    let spread = |x: u32| {
+        let mut x = u64::from(x);
+        x = (x | x << 32) & 0x001f_0000_0000_ffff;
+        x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+        x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+        x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+        (x | x << 2) & 0x1249_2492_4924_9249
+    };
+    spread(p[0]) | spread(p[1]) << 1 | spread(p[2]) << 2
+}

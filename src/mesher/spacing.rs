@@ -1,0 +1,68 @@
+//! The edge that makes a wanted number of tets.
+
+use crate::{Error, Result};
+
+/// How near to the wanted number a trial must come: cleaning takes or adds a few tets after it.
+const NEAR: f64 = 0.07;
+
+/// Trials, the last of which is the best there is.
+const MAX_TRIALS: usize = 12;
+
+/// The share of the wanted tets that the second trial aims at.
+const SECOND_TRIAL: f64 = 0.3;
+
+/// Looks for the edge at which `lay` makes about `wanted` tets in a box of the given volume, and
+/// returns what it made there. `count` tells the number of tets.
+///
+/// The number of tets goes with a power of the edge that lies between 3, for the inside, and 2,
+/// for the boundary; it is taken from the trials, of which the first are small.
+pub(super) fn find_spacing<T>(
+    wanted: usize,
+    box_volume: f64,
+    mut lay: impl FnMut(f64) -> Result<T>,
+    count: impl Fn(&T) -> usize,
+) -> Result<T> {
+    if wanted < 100 || wanted > u32::MAX as usize / 8 {
+        return Err(Error::Input(format!(
+            "a mesh cannot be made of about {wanted} tets; ask for 100 to {}",
+            u32::MAX / 8
+        )));
+    }
+    let target = wanted as f64;
+    // A box full of tets has twelve for each cube of the edge.
+    let mut edge = 1.4 * (12.0 * box_volume / target).cbrt();
+    let mut before: Option<(f64, f64)> = None;
+    let mut best: Option<(f64, T)> = None;
+    for _ in 0..MAX_TRIALS {
+        let laid = lay(edge)?;
+        let made = count(&laid) as f64;
+        let off = (made / target).ln().abs();
+        if best.as_ref().is_none_or(|b| off < b.0) {
+            best = Some((off, laid));
+        }
+        if off < NEAR {
+            break;
+        }
+        let power = match before {
+            Some((edge_before, made_before)) if made > 0.0 && made_before > 0.0 => {
+                ((made / made_before).ln() / (edge_before / edge).ln()).clamp(1.5, 3.5)
+            }
+            _ => 2.5,
+        };
+        let goal = match before {
+            None if made < SECOND_TRIAL * target => SECOND_TRIAL * target,
+            _ => target,
+        };
+        before = Some((edge, made));
+        edge *= match made > 0.0 {
+            true => (made / goal).powf(1.0 / power).clamp(0.2, 5.0),
+            false => 0.5,
+        };
+    }
+    match best {
+        Some((_, laid)) if count(&laid) > 0 => Ok(laid),
+        _ => Err(Error::Input(format!(
+            "no edge makes about {wanted} tets of this body; give the edge instead"
+        ))),
+    }
+}

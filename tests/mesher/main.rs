@@ -1,0 +1,5 @@
+//! The mesher, held to the truth.
+#![allow(clippy::unwrap_used)]
+
+mod solids;
+mod support;

@@ -1,0 +1,168 @@
+//! Domains with known answers, and what every filling must satisfy.
+
+use glam::DVec3;
+use palpate::mesh::{BoundaryShape, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
+use palpate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
+
+use std::collections::BTreeMap;
+
+/// Regions given by functions that change no faster than distances do, positive inside.
+pub struct Solids<F> {
+    pub half_size: f64,
+    pub weights: F,
+}
+
+impl<F: Fn(DVec3) -> Vec<(u16, f64)> + Sync> Domain for Solids<F> {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        (DVec3::splat(-self.half_size), DVec3::splat(self.half_size))
+    }
+
+    fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+        weights.clear();
+        weights.extend((self.weights)(p));
+    }
+
+    fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {
+        let mut weights = (self.weights)(0.5 * (low + high));
+        weights.push((0, 0.0));
+        weights.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let lead = weights[0].1 - weights.get(1).map_or(f64::NEG_INFINITY, |w| w.1);
+        (lead > (high - low).length()).then_some(weights[0].0)
+    }
+}
+
+pub fn solids<F: Fn(DVec3) -> Vec<(u16, f64)> + Sync>(half_size: f64, weights: F) -> Solids<F> {
+    Solids { half_size, weights }
+}
+
+pub fn options(edge: f64, grading: f64) -> MeshOptions {
+    MeshOptions {
+        spacing: Spacing::Edge(edge),
+        grading,
+        ..MeshOptions::default()
+    }
+}
+
+pub fn quiet(_: &str, _: f64) {}
+
+pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> Filling {
+    fill(domain, options, &quiet).unwrap()
+}
+
+pub fn mesh_of(filling: &Filling) -> TetMesh {
+    let (nodes, tets) = (filling.nodes.clone(), filling.tets.clone());
+    TetMesh::new(nodes, tets, vec![], vec![]).unwrap()
+}
+
+/// The part of a filling in one region.
+pub fn region_of(filling: &Filling, region: u16) -> TetMesh {
+    let tets = filling.tets.iter().zip(&filling.regions);
+    let tets = tets.filter(|t| *t.1 == region).map(|t| *t.0).collect();
+    TetMesh::new(filling.nodes.clone(), tets, vec![], vec![]).unwrap()
+}
+
+/// What is wrong with a filling: nothing, if it is sound.
+pub fn faults(filling: &Filling) -> Vec<String> {
+    let mut faults = Vec::new();
+    let mut say = |wrong: bool, what: String| {
+        if wrong {
+            faults.push(what);
+        }
+    };
+    let mesh = mesh_of(filling);
+    say(
+        mesh.repairs != Default::default(),
+        format!("to be repaired: {:?}", mesh.repairs.warnings),
+    );
+    say(
+        mesh.tets.len() != filling.regions.len() || filling.regions.contains(&0),
+        "a region for each tet".into(),
+    );
+    let topology = Topology::new(&mesh);
+    let shape = BoundaryShape::new(&mesh, &topology);
+    say(!shape.closed, "the boundary is not closed".into());
+    say(
+        !shape.is_vertex_manifold(),
+        format!(
+            "{} odd edges, {} odd nodes",
+            shape.odd_edges.len(),
+            shape.odd_nodes.len()
+        ),
+    );
+    // A node within a boundary face, or on its edge, is where tets do not match.
+    say(
+        hanging_nodes(&mesh, &topology) > 0,
+        format!(
+            "{} nodes lie on faces they do not belong to",
+            hanging_nodes(&mesh, &topology)
+        ),
+    );
+    let regions: std::collections::BTreeSet<u16> = filling.regions.iter().copied().collect();
+    for region in regions {
+        let part = region_of(filling, region);
+        let shape = BoundaryShape::new(&part, &Topology::new(&part));
+        say(!shape.closed, format!("region {region} is not closed"));
+    }
+    faults
+}
+
+/// Boundary nodes that lie on a boundary face or edge whose corner they are not, and are not at
+/// the place of one of its corners.
+pub fn hanging_nodes(mesh: &TetMesh, topology: &Topology) -> usize {
+    let (low, high) = mesh.bounds();
+    let cell = (high - low).max_element() / (mesh.tets.len() as f64).cbrt().max(1.0);
+    let place = |p: DVec3| ((p - low) / cell).floor().to_array().map(|c| c as i64);
+    let mut nodes: BTreeMap<[i64; 3], Vec<DVec3>> = BTreeMap::new();
+    for b in &topology.boundary {
+        for v in topology.boundary_nodes(mesh, *b) {
+            let p = mesh.nodes[v as usize];
+            nodes.entry(place(p)).or_default().push(p);
+        }
+    }
+    let mut hanging = 0;
+    for b in &topology.boundary {
+        assert_eq!(
+            topology.neighbours[b.tet as usize][b.face as usize],
+            NO_NEIGHBOUR
+        );
+        let c = topology
+            .boundary_nodes(mesh, *b)
+            .map(|v| mesh.nodes[v as usize]);
+        let (first, last) = palpate::mesh::bounds(&c);
+        let (first, last) = (place(first), place(last));
+        for i in first[0]..=last[0] {
+            for j in first[1]..=last[1] {
+                for k in first[2]..=last[2] {
+                    for p in nodes.get(&[i, j, k]).into_iter().flatten() {
+                        let apart = c.iter().all(|q| q.distance(*p) > 1e-9 * cell);
+                        let on = palpate::mesh::point_triangle_distance(*p, c) < 1e-9 * cell;
+                        hanging += usize::from(apart && on);
+                    }
+                }
+            }
+        }
+    }
+    hanging
+}
+
+/// The smallest and largest dihedral angle, measured here.
+pub fn angles(filling: &Filling) -> (f64, f64) {
+    let all = filling
+        .tets
+        .iter()
+        .flat_map(|t| dihedral_angles(t.map(|v| filling.nodes[v as usize])));
+    all.fold((180.0, 0.0), |(low, high): (f64, f64), a| {
+        (low.min(a), high.max(a))
+    })
+}
+
+/// Nodes − edges + faces of the boundary of a region.
+pub fn euler_number(filling: &Filling, region: u16) -> i64 {
+    let part = region_of(filling, region);
+    BoundaryShape::new(&part, &Topology::new(&part)).euler_number()
+}
+
+pub fn region_volume(filling: &Filling, region: u16) -> f64 {
+    let entry = filling.report.regions.iter().find(|r| r.region == region);
+    entry.map_or(0.0, |r| r.volume)
+}
