@@ -1,7 +1,7 @@
 //! The meshes under `data/` are those that the example makes.
 
 #[allow(dead_code)]
-#[path = "../../examples/generate_data.rs"]
+#[path = "../../examples/generate_data/main.rs"]
 mod generate_data;
 
 #[test]
