@@ -119,19 +119,19 @@ pub fn components(topology: &Topology) -> (Vec<u32>, usize) {
 }
 
 /// Disjoint sets of items (union-find with path halving).
-pub(super) struct Groups {
+pub(crate) struct Groups {
     parent: Vec<u32>,
 }
 
 impl Groups {
-    pub(super) fn new(items: usize) -> Groups {
+    pub(crate) fn new(items: usize) -> Groups {
         Groups {
             parent: (0..items as u32).collect(),
         }
     }
 
     /// The item that stands for the set of `item`: its smallest.
-    pub(super) fn representative(&mut self, item: u32) -> u32 {
+    pub(crate) fn representative(&mut self, item: u32) -> u32 {
         let mut i = item as usize;
         while self.parent[i] as usize != i {
             self.parent[i] = self.parent[self.parent[i] as usize];
@@ -140,7 +140,7 @@ impl Groups {
         i as u32
     }
 
-    pub(super) fn join(&mut self, a: u32, b: u32) {
+    pub(crate) fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.representative(a), self.representative(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }

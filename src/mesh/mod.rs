@@ -14,6 +14,7 @@ mod repair;
 mod topology;
 mod tri_mesh;
 
+pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
 pub use describe::{Description, FieldDescription};
 pub use distance::{DEPTH, depth_field, point_triangle_distance};

@@ -10,23 +10,32 @@
 //! 3. `cut`: the region of each point; where edges between regions are cut; points close to a cut
 //!    are moved onto it.
 //! 4. `stencil`, `junction`: what each tet is divided into.
+//! 5. `islands`, `pinches`: small pieces, and places where a boundary is not a manifold.
 
 mod cut;
 mod domain;
+mod fans;
+mod islands;
 mod junction;
 mod label_domain;
 mod lattice;
 mod length;
 mod octree;
+mod pinches;
 mod report;
 mod spacing;
+mod stars;
 mod stencil;
+mod threshold_domain;
 mod window;
 
 pub use domain::Domain;
+pub use islands::IslandReport;
 pub use label_domain::LabelDomain;
 pub use length::{Length, metres_in};
+pub use pinches::PinchReport;
 pub use report::{MeshReport, RegionReport};
+pub use threshold_domain::ThresholdDomain;
 pub use window::Window;
 
 use crate::{Error, Result};
@@ -110,7 +119,17 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
             find_spacing(wanted, volume, trial, Laid::tets)?
         }
     };
-    let filling = finish(laid)?;
+    let Laid {
+        mut nodes,
+        mut pieces,
+        mut report,
+    } = laid;
+    progress("cleaning", 0.7);
+    report.islands = islands::dissolve(&nodes, &mut pieces, options.min_island);
+    report.pinches = pinches::resolve(&mut nodes, &mut pieces);
+    report.stage("cleaning");
+    progress("quality", 0.9);
+    let filling = finish(nodes, pieces, report)?;
     progress("done", 1.0);
     Ok(filling)
 }
@@ -204,12 +223,7 @@ fn check(options: &MeshOptions) -> Result<()> {
 }
 
 /// Leaves out what is outside and the nodes that nothing uses, and measures the rest.
-fn finish(laid: Laid) -> Result<Filling> {
-    let Laid {
-        nodes,
-        pieces,
-        report,
-    } = laid;
+fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<Filling> {
     let mut number = vec![u32::MAX; nodes.len()];
     let mut filling = Filling {
         nodes: Vec::new(),

@@ -1,5 +1,6 @@
 //! What is told of a filling.
 
+use super::{IslandReport, PinchReport};
 use crate::mesh::{DIHEDRAL_BINS, dihedral_angles, signed_volume};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -33,6 +34,10 @@ pub struct MeshReport {
     pub triple_points: usize,
     /// Tets of the lattice in which three or four regions meet.
     pub quadruple_points: usize,
+    /// Islands given to their neighbours or dropped, by region.
+    pub islands: Vec<IslandReport>,
+    /// What was done where a boundary was no manifold.
+    pub pinches: PinchReport,
     /// What each stage took, in seconds.
     pub seconds: Vec<(&'static str, f64)>,
     /// The most memory the process has held so far, in bytes, where the system tells.

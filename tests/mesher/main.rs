@@ -1,5 +1,6 @@
 //! The mesher, held to the truth.
 #![allow(clippy::unwrap_used)]
 
+mod labels;
 mod solids;
 mod support;

@@ -1,9 +1,10 @@
 //! Domains with known answers, and what every filling must satisfy.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use palpate::mesh::{BoundaryShape, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
 use palpate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
 
+use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 
 /// Regions given by functions that change no faster than distances do, positive inside.
@@ -47,6 +48,20 @@ pub fn quiet(_: &str, _: f64) {}
 
 pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> Filling {
     fill(domain, options, &quiet).unwrap()
+}
+
+/// A volume of unit voxels, the first centred at (0.5, 0.5, 0.5).
+pub fn volume_of(size: [usize; 3], label: impl Fn([usize; 3]) -> u8) -> Volume {
+    let [nx, ny, nz] = size;
+    let at = |n: usize| [n % nx, n / nx % ny, n / nx / ny];
+    Volume {
+        size,
+        raw: Raw::U8((0..nx * ny * nz).map(|n| label(at(n))).collect()),
+        slope: 1.0,
+        intercept: 0.0,
+        to_world: DAffine3::from_translation(DVec3::splat(0.5)),
+        names: BTreeMap::new(),
+    }
 }
 
 pub fn mesh_of(filling: &Filling) -> TetMesh {

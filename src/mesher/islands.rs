@@ -1,0 +1,140 @@
+//! Islands: small pieces of a region that hang together across faces.
+
+use super::stencil::Piece;
+use crate::mesh::{FACES, Groups, signed_volume};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// The islands of one region.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct IslandReport {
+    /// The region, from 1 on.
+    pub region: u16,
+    /// How many there were.
+    pub islands: usize,
+    /// Their volume.
+    pub volume: f64,
+}
+
+/// Gives every piece of a region that is smaller than `least` to the neighbour with which it
+/// shares the largest area, the smallest piece first. What is given to the outside is dropped.
+pub(super) fn dissolve(nodes: &[DVec3], pieces: &mut [Piece], least: f64) -> Vec<IslandReport> {
+    let mut reports: BTreeMap<u16, IslandReport> = BTreeMap::new();
+    if least > 0.0 {
+        // Islands that joined others may be small still.
+        while dissolve_once(nodes, pieces, least, &mut reports) {}
+    }
+    reports.into_values().collect()
+}
+
+/// One round of it, over the islands there are now; false when there are none.
+fn dissolve_once(
+    nodes: &[DVec3],
+    pieces: &mut [Piece],
+    least: f64,
+    reports: &mut BTreeMap<u16, IslandReport>,
+) -> bool {
+    let mut faces: Vec<([u32; 3], u32)> = pieces
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(t, (tet, _))| {
+            FACES.map(|f| {
+                let mut face = f.map(|i| tet[i]);
+                face.sort_unstable();
+                (face, t as u32)
+            })
+        })
+        .collect();
+    faces.par_sort_unstable();
+    let mut groups = Groups::new(pieces.len());
+    // Faces between two regions, or a region and what lies beyond the tets there are.
+    let mut walls: Vec<(u32, Option<u32>, f64)> = Vec::new();
+    for same in faces.chunk_by(|a, b| a.0 == b.0) {
+        let [a, b, c] = same[0].0.map(|v| nodes[v as usize]);
+        let area = 0.5 * (b - a).cross(c - a).length();
+        match same {
+            [(_, t), (_, u)] if pieces[*t as usize].1 == pieces[*u as usize].1 => {
+                groups.join(*t, *u);
+            }
+            [(_, t), (_, u)] => walls.push((*t, Some(*u), area)),
+            _ => walls.extend(same.iter().map(|s| (s.1, None, area))),
+        }
+    }
+    drop(faces);
+    let mut volume: BTreeMap<u32, f64> = BTreeMap::new();
+    for (t, (tet, region)) in pieces.iter().enumerate() {
+        if *region != 0 {
+            let own = signed_volume(tet.map(|v| nodes[v as usize]));
+            *volume.entry(groups.representative(t as u32)).or_default() += own;
+        }
+    }
+    let mut small: Vec<(f64, u32)> = volume
+        .iter()
+        .filter(|v| *v.1 < least)
+        .map(|(group, volume)| (*volume, *group))
+        .collect();
+    small.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut beside: BTreeMap<u32, Vec<(Option<u32>, f64)>> =
+        small.iter().map(|s| (s.1, Vec::new())).collect();
+    for (t, u, area) in walls {
+        let ends = [Some(t), u].map(|t| t.map(|t| groups.representative(t)));
+        for [own, other] in [ends, [ends[1], ends[0]]] {
+            if let Some(list) = own.and_then(|own| beside.get_mut(&own)) {
+                list.push((other, area));
+            }
+        }
+    }
+    // Pieces are merged as they change region; the region of a piece is that of its first tet.
+    let mut region_of: BTreeMap<u32, u16> = BTreeMap::new();
+    for (own_volume, group) in small {
+        let now = groups.representative(group);
+        if now != group || volume.get(&group).is_none_or(|v| *v >= least) {
+            continue;
+        }
+        let mut areas: BTreeMap<u16, (f64, Vec<u32>)> = BTreeMap::new();
+        for (other, area) in beside.get(&group).into_iter().flatten() {
+            let other = other.map(|o| groups.representative(o));
+            let region = other.map_or(0, |o| {
+                region_of.get(&o).copied().unwrap_or(pieces[o as usize].1)
+            });
+            if other == Some(group) {
+                continue;
+            }
+            let entry = areas.entry(region).or_default();
+            entry.0 += area;
+            entry.1.extend(other);
+        }
+        let largest = areas
+            .into_iter()
+            .max_by(|a, b| a.1.0.total_cmp(&b.1.0).then(b.0.cmp(&a.0)));
+        let Some((region, (_, others))) = largest else {
+            continue;
+        };
+        let own_region = pieces[group as usize].1;
+        let entry = reports.entry(own_region).or_default();
+        entry.region = own_region;
+        entry.islands += 1;
+        entry.volume += own_volume;
+        region_of.insert(group, region);
+        let sum = own_volume
+            + others
+                .iter()
+                .collect::<std::collections::BTreeSet<_>>()
+                .into_iter()
+                .filter_map(|o| volume.get(o))
+                .sum::<f64>();
+        for other in others {
+            groups.join(group, other);
+        }
+        let merged = groups.representative(group);
+        region_of.insert(merged, region);
+        volume.insert(merged, sum);
+    }
+    for (t, piece) in pieces.iter_mut().enumerate() {
+        if let Some(region) = region_of.get(&groups.representative(t as u32)) {
+            piece.1 = *region;
+        }
+    }
+    !region_of.is_empty()
+}

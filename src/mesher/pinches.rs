@@ -1,0 +1,196 @@
+//! Pinches: edges and nodes where the boundary of the body, or of a region, is not a manifold.
+//!
+//! First tets around them are given to other regions, the smaller fan to what surrounds it, as
+//! long as there are fewer pinches afterwards; the outside takes part with the tets along the
+//! boundary. What is left of the body's own is parted: a node at which the body falls into
+//! several fans becomes one for each, and where the outside does, the tets at the node go.
+
+use super::fans::Fans;
+use super::stars::Stars;
+use super::stencil::Piece;
+use crate::mesh::signed_volume;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::VecDeque;
+
+/// A pinch of the body's own boundary counts as so many between regions.
+const OUTER: usize = 100;
+
+/// What was done about pinches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct PinchReport {
+    /// Nodes at which the boundary of the body or a region was pinched.
+    pub found: usize,
+    /// Tets given to another region or the outside, or filled.
+    pub relabelled: usize,
+    /// Nodes doubled so that parts of the body that met in them are apart.
+    pub doubled: usize,
+    /// Nodes at which a region is still pinched; the boundary of the whole body never is.
+    pub left: usize,
+}
+
+/// Resolves pinches: see the module. `pieces` must hold the tets outside along the boundary;
+/// afterwards it holds those inside only.
+pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchReport {
+    let mut report = PinchReport::default();
+    let stars = Stars::new(nodes.len(), pieces);
+    let pinched: Vec<u32> = (0..nodes.len() as u32)
+        .into_par_iter()
+        .with_min_len(1024)
+        .filter(|v| cost(*v, &stars, pieces) > 0)
+        .collect();
+    report.found = pinched.len();
+    let mut waiting: VecDeque<u32> = pinched.into();
+    while let Some(v) = waiting.pop_front() {
+        if let Some((tets, region)) = best_change(v, nodes, &stars, pieces) {
+            report.relabelled += tets.len();
+            for t in &tets {
+                pieces[*t as usize].1 = region;
+            }
+            waiting.extend(corners(&tets, pieces));
+        }
+    }
+    report.left = (0..nodes.len() as u32)
+        .into_par_iter()
+        .with_min_len(1024)
+        .filter(|v| cost(*v, &stars, pieces) % OUTER > 0)
+        .count();
+    drop(stars);
+    pieces.retain(|p| p.1 != 0);
+    part(nodes, pieces, &mut report);
+    report
+}
+
+/// How badly boundaries are pinched at `v`.
+fn cost(v: u32, stars: &Stars, pieces: &[Piece]) -> usize {
+    let star = stars.of(v);
+    let region = |t: &u32| pieces[*t as usize].1;
+    let Some(first) = star.first().map(region) else {
+        return 0;
+    };
+    if star.iter().all(|t| region(t) == first) {
+        return 0;
+    }
+    let [outer, inner] = Fans::new(v, star, pieces).pinches();
+    OUTER * outer + inner
+}
+
+/// The nodes of some tets, rising.
+fn corners(tets: &[u32], pieces: &[Piece]) -> Vec<u32> {
+    let mut corners: Vec<u32> = tets.iter().flat_map(|t| pieces[*t as usize].0).collect();
+    corners.sort_unstable();
+    corners.dedup();
+    corners
+}
+
+/// The tets at `v`, and the region to give them to, after which there are fewest pinches; none
+/// when no change makes them fewer.
+fn best_change(
+    v: u32,
+    nodes: &[DVec3],
+    stars: &Stars,
+    pieces: &mut [Piece],
+) -> Option<(Vec<u32>, u16)> {
+    if cost(v, stars, pieces) == 0 {
+        return None;
+    }
+    let star = stars.of(v);
+    let mut fans = Fans::new(v, star, pieces);
+    let mut changes: Vec<(Vec<u32>, u16)> = Vec::new();
+    for region in fans.regions() {
+        for of in [true, false] {
+            let (fan, count) = fans.split(|r| (r == region) == of);
+            if count < 2 {
+                continue;
+            }
+            let mut each: Vec<u32> = fan.iter().copied().filter(|f| *f != u32::MAX).collect();
+            each.sort_unstable();
+            each.dedup();
+            for one in each {
+                let within: Vec<bool> = fan.iter().map(|f| *f == one).collect();
+                let tets = star.iter().zip(&within).filter(|t| *t.1);
+                let tets: Vec<u32> = tets.map(|t| *t.0).collect();
+                let to = match of {
+                    true => fans.beside(&within),
+                    false => Some(region),
+                };
+                changes.extend(to.filter(|_| !tets.is_empty()).map(|to| (tets, to)));
+            }
+        }
+    }
+    let volume = |tets: &[u32]| -> f64 {
+        let corners = |t: &u32| pieces[*t as usize].0.map(|v| nodes[v as usize]);
+        tets.iter().map(|t| signed_volume(corners(t))).sum()
+    };
+    let mut sized: Vec<(f64, (Vec<u32>, u16))> =
+        changes.into_iter().map(|c| (volume(&c.0), c)).collect();
+    sized.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut best: Option<(usize, (Vec<u32>, u16))> = None;
+    for (_, (tets, region)) in sized {
+        let around = corners(&tets, pieces);
+        let total = |pieces: &[Piece]| around.iter().map(|u| cost(*u, stars, pieces)).sum();
+        let before: usize = total(pieces);
+        let old: Vec<u16> = tets.iter().map(|t| pieces[*t as usize].1).collect();
+        for t in &tets {
+            pieces[*t as usize].1 = region;
+        }
+        let after: usize = total(pieces);
+        for (t, region) in tets.iter().zip(old) {
+            pieces[*t as usize].1 = region;
+        }
+        let gain = before.saturating_sub(after);
+        if gain > best.as_ref().map_or(0, |b| b.0) {
+            best = Some((gain, (tets, region)));
+        }
+    }
+    best.map(|b| b.1)
+}
+
+/// Parts the body where its boundary is still pinched. All pieces must be inside.
+fn part(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>, report: &mut PinchReport) {
+    loop {
+        let stars = Stars::new(nodes.len(), pieces);
+        let pinched: Vec<u32> = (0..nodes.len() as u32)
+            .into_par_iter()
+            .with_min_len(1024)
+            .filter(|v| {
+                let star = stars.of(*v);
+                !star.is_empty() && Fans::new(*v, star, pieces).pinches()[0] > 0
+            })
+            .collect();
+        if pinched.is_empty() {
+            return;
+        }
+        let mut gone = vec![false; pieces.len()];
+        let mut changes: Vec<(u32, u32, u32)> = Vec::new();
+        for v in pinched {
+            let star = stars.of(v);
+            let (fan, count) = Fans::new(v, star, pieces).split(|r| r != 0);
+            if count < 2 {
+                star.iter().for_each(|t| gone[*t as usize] = true);
+                report.relabelled += star.len();
+                continue;
+            }
+            let mut each: Vec<u32> = fan.iter().copied().filter(|f| *f != u32::MAX).collect();
+            each.sort_unstable();
+            each.dedup();
+            // The first fan keeps the node.
+            for one in each.into_iter().skip(1) {
+                let double = nodes.len() as u32;
+                nodes.push(nodes[v as usize]);
+                report.doubled += 1;
+                let tets = star.iter().zip(&fan).filter(|t| *t.1 == one);
+                changes.extend(tets.map(|(t, _)| (*t, v, double)));
+            }
+        }
+        for (t, v, double) in changes {
+            for corner in &mut pieces[t as usize].0 {
+                if *corner == v {
+                    *corner = double;
+                }
+            }
+        }
+        let mut gone = gone.into_iter();
+        pieces.retain(|_| !gone.next().unwrap_or(false));
+    }
+}
