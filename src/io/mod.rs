@@ -14,6 +14,7 @@ mod gmsh_source;
 mod medit;
 mod pvd;
 mod scalar;
+mod surface;
 mod tags;
 mod tetgen;
 mod volume;
@@ -25,6 +26,7 @@ mod vtu_write;
 
 pub use atomic::atomic_write;
 pub use pvd::{Frame, PvdSeries, read_pvd};
+pub use surface::{read_surface, write_surface};
 pub use volume::{read_volume, write_volume};
 
 use crate::mesh::TetMesh;

@@ -1,4 +1,5 @@
-//! Reader for VTK's legacy format: unstructured grids of versions 2 to 5, ASCII and binary.
+//! Reader for VTK's legacy format: unstructured grids and polygons (POLYDATA) of versions 2 to 5,
+//! ASCII and binary.
 //!
 //! The `vtkio` crate (0.6.3) was tried on real files and on what VTK 9 writes: it rejects
 //! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this reader is our own.
@@ -21,6 +22,9 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
             "POINTS" => file.points()?,
             "CELLS" => file.cells()?,
             "CELL_TYPES" => file.cell_types()?,
+            "VERTICES" | "LINES" | "POLYGONS" | "TRIANGLE_STRIPS" if file.polygonal => {
+                file.polygons(&keyword)?;
+            }
             "POINT_DATA" => file.data_of(Location::Node)?,
             "CELL_DATA" => file.data_of(Location::Cell)?,
             "METADATA" => file.from.skip_metadata(),
@@ -38,6 +42,8 @@ struct File<'a> {
     /// Nodes of all cells, and where each cell's end.
     cells: Option<(Vec<f64>, Vec<usize>)>,
     kinds: Option<Vec<f64>>,
+    /// Whether the file holds polygons, not cells of any kind.
+    polygonal: bool,
     /// Whose attributes are being read, and how many tuples they have; `None` before
     /// POINT_DATA and CELL_DATA, where arrays belong to the file as a whole.
     owner: Option<(Location, usize)>,
@@ -74,9 +80,9 @@ impl<'a> File<'a> {
         let kind = at
             .word(format_args!("the kind of DATASET"))?
             .to_ascii_uppercase();
-        if dataset != "DATASET" || kind != "UNSTRUCTURED_GRID" {
+        if dataset != "DATASET" || !["UNSTRUCTURED_GRID", "POLYDATA"].contains(&kind.as_str()) {
             return Err(at.error(format_args!(
-                "expected DATASET UNSTRUCTURED_GRID (a mesh of cells), found {dataset} {kind}"
+                "expected DATASET UNSTRUCTURED_GRID (a mesh of cells) or POLYDATA (a surface), found {dataset} {kind}"
             )));
         }
         at.rest_of_line();
@@ -88,6 +94,7 @@ impl<'a> File<'a> {
             has_points: false,
             cells: None,
             kinds: None,
+            polygonal: kind == "POLYDATA",
             owner: None,
         })
     }
@@ -118,11 +125,43 @@ impl<'a> File<'a> {
     }
 
     fn cells(&mut self) -> Parse<()> {
-        let count = self.from.at.count(format_args!("the number of CELLS"), 1)?;
+        self.cells = Some(self.node_lists("CELLS")?);
+        Ok(())
+    }
+
+    /// A section of polygons or the like, after those that came before.
+    fn polygons(&mut self, section: &str) -> Parse<()> {
+        let (nodes, ends) = self.node_lists(section)?;
+        let (all_nodes, all_ends) = self.cells.get_or_insert_default();
+        let kinds = self.kinds.get_or_insert_default();
+        let mut start = 0;
+        for end in &ends {
+            let (one, several) = match section {
+                "VERTICES" => (1.0, 2.0),
+                "LINES" => (3.0, 4.0),
+                "POLYGONS" => (7.0, 7.0),
+                _ => (6.0, 6.0),
+            };
+            let single = end - start <= if section == "LINES" { 2 } else { 1 };
+            kinds.push(if single { one } else { several });
+            start = *end;
+        }
+        let before = all_nodes.len();
+        all_nodes.extend(nodes);
+        all_ends.extend(ends.iter().map(|end| before + end));
+        Ok(())
+    }
+
+    /// The nodes of the cells of a section, and where each cell's end.
+    fn node_lists(&mut self, section: &str) -> Parse<(Vec<f64>, Vec<usize>)> {
+        let count = self
+            .from
+            .at
+            .count(format_args!("the number of {section}"), 1)?;
         let size = self
             .from
             .at
-            .count(format_args!("the size of the CELLS list"), 1)?;
+            .count(format_args!("the size of the {section} list"), 1)?;
         self.from.at.rest_of_line();
         let split = self.version >= 5
             && self
@@ -130,13 +169,11 @@ impl<'a> File<'a> {
                 .at
                 .peek()
                 .is_some_and(|t| t.eq_ignore_ascii_case(b"OFFSETS"));
-        self.cells = Some(if split {
-            self.from.split_cells(count, size)?
-        } else {
-            let list = self.from.numbers(size, ScalarType::I32, "CELLS")?;
-            self.from.counted_cells(count, &list)?
-        });
-        Ok(())
+        if split {
+            return self.from.split_cells(count, size);
+        }
+        let list = self.from.numbers(size, ScalarType::I32, section)?;
+        self.from.counted_cells(count, &list)
     }
 
     fn cell_types(&mut self) -> Parse<()> {
@@ -344,6 +381,9 @@ impl<'a> File<'a> {
         let missing = |what: &str| format!("the file ends, and there is no {what} in it");
         if !self.has_points {
             return Err(missing("POINTS section"));
+        }
+        if self.polygonal && self.cells.is_none() {
+            return Err(missing("POLYGONS section"));
         }
         let (nodes, ends) = self.cells.ok_or_else(|| missing("CELLS section"))?;
         let kinds = self.kinds.ok_or_else(|| missing("CELL_TYPES section"))?;

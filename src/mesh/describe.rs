@@ -71,7 +71,7 @@ pub struct FieldDescription {
 }
 
 impl FieldDescription {
-    fn new(field: &Field) -> FieldDescription {
+    pub(super) fn new(field: &Field) -> FieldDescription {
         let range = field.range();
         FieldDescription {
             name: field.name.clone(),

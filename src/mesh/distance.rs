@@ -68,20 +68,23 @@ fn point_segment_distance(p: DVec3, a: DVec3, b: DVec3) -> f64 {
     p.distance(a.lerp(b, along))
 }
 
-/// Boxes around halves of halves of the triangles.
-struct Tree {
-    triangles: Vec<[DVec3; 3]>,
+/// Boxes around halves of halves of some triangles.
+#[derive(Debug)]
+pub(crate) struct Tree {
+    /// The triangles, in the order of the leaves.
+    pub triangles: Vec<[DVec3; 3]>,
     /// Box 0 holds all; a leaf's `right` is 0.
-    boxes: Vec<TreeBox>,
+    pub boxes: Vec<TreeBox>,
 }
 
-struct TreeBox {
-    low: DVec3,
-    high: DVec3,
+#[derive(Debug)]
+pub(crate) struct TreeBox {
+    pub low: DVec3,
+    pub high: DVec3,
     /// Its triangles.
-    range: (usize, usize),
+    pub range: (usize, usize),
     /// The second half; the first half is the next box in the list.
-    right: usize,
+    pub right: usize,
 }
 
 impl TreeBox {
@@ -91,7 +94,7 @@ impl TreeBox {
 }
 
 impl Tree {
-    fn new(mut triangles: Vec<[DVec3; 3]>) -> Tree {
+    pub fn new(mut triangles: Vec<[DVec3; 3]>) -> Tree {
         let mut boxes = Vec::new();
         let end = triangles.len();
         build(&mut triangles, (0, end), &mut boxes);
@@ -99,7 +102,7 @@ impl Tree {
     }
 
     /// Distance from `p` to the nearest triangle; infinite when there is none.
-    fn distance(&self, p: DVec3) -> f64 {
+    pub fn distance(&self, p: DVec3) -> f64 {
         let mut nearest = f64::INFINITY;
         let mut stack = vec![(0, 0.0)];
         while let Some((index, at_least)) = stack.pop() {

@@ -11,12 +11,14 @@ pub mod generate;
 mod order;
 mod quality;
 mod repair;
+mod surface_shape;
 mod topology;
 mod tri_mesh;
 
 pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
 pub use describe::{Description, FieldDescription};
+pub(crate) use distance::Tree;
 pub use distance::{DEPTH, depth_field, point_triangle_distance};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
@@ -25,6 +27,7 @@ pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
 };
 pub use repair::Repairs;
+pub use surface_shape::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
 pub use tri_mesh::TriMesh;
 

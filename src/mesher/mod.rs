@@ -12,6 +12,7 @@
 //! 4. `stencil`, `junction`: what each tet is divided into.
 //! 5. `islands`, `pinches`: small pieces, and places where a boundary is not a manifold.
 
+mod closed_surface;
 mod cut;
 mod domain;
 mod fans;
@@ -29,6 +30,7 @@ mod stencil;
 mod threshold_domain;
 mod window;
 
+pub use closed_surface::{ClosedSurface, SurfaceDomain};
 pub use domain::Domain;
 pub use islands::IslandReport;
 pub use label_domain::LabelDomain;

@@ -1,0 +1,55 @@
+//! Triangle surfaces in and out: one file a format.
+//!
+//! The crates for these formats (`stl_io`, `ply-rs-bw`, `tobj`) size what they allocate by what a
+//! header says, or give up fields, so the readers are our own.
+
+mod obj;
+mod ply;
+mod stl;
+mod triangles;
+mod write;
+
+pub use write::write_surface;
+
+use super::cells::RawMesh;
+use super::cursor::Parse;
+use crate::mesh::TriMesh;
+use crate::{Error, Result};
+use std::path::Path;
+
+type Reader = fn(&[u8]) -> Parse<RawMesh>;
+
+/// The reader for STL, PLY or OBJ.
+fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
+    if bytes.starts_with(ply::MAGIC) {
+        Some(ply::read)
+    } else if extension == "obj" {
+        Some(obj::read)
+    } else if extension == "stl" {
+        Some(stl::read)
+    } else {
+        None
+    }
+}
+
+/// Reads a triangle surface: STL, PLY, OBJ, VTK POLYDATA, or the surface cells of any mesh format
+/// that [`read`](super::read) knows. Polygons are cut into triangles, vertices that coincide are
+/// merged, triangles without an area dropped; what was done is told in [`TriMesh::notes`].
+///
+/// # Errors
+/// A file that cannot be read, is damaged, or has no surface in it.
+pub fn read_surface(path: impl AsRef<Path>) -> Result<TriMesh> {
+    let path = path.as_ref();
+    let extension = super::extension(path);
+    let bytes = super::content(path)?;
+    surface_of(&bytes, &extension).map_err(|e| Error::format(path, e))
+}
+
+/// The surface in the content of a file with that extension.
+pub(super) fn surface_of(bytes: &[u8], extension: &str) -> Parse<TriMesh> {
+    let reader = match reader_of(bytes, extension) {
+        Some(reader) => reader,
+        None => super::format_of(bytes, extension)?,
+    };
+    triangles::into_surface(reader(bytes)?)
+}

@@ -1,0 +1,287 @@
+//! Reader for PLY: ASCII, and binary of both byte orders.
+//!
+//! The vertices' properties beside x, y, z become fields. Properties and elements of any other
+//! kind are passed over.
+
+use crate::io::cells::RawMesh;
+use crate::io::cursor::{Cursor, Parse};
+use crate::mesh::{Field, Location, ScalarType};
+use glam::DVec3;
+
+/// How every file of this format begins.
+pub(super) const MAGIC: &[u8] = b"ply";
+
+/// VTK's number for a polygon.
+const POLYGON: u8 = 7;
+/// A polygon of more corners than this is taken for damage.
+const MOST_CORNERS: usize = 1 << 16;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Encoding {
+    Ascii,
+    Little,
+    Big,
+}
+
+/// A property of an element: one number, or a list with its count in front.
+struct Property {
+    name: String,
+    scalar: ScalarType,
+    count: Option<ScalarType>,
+}
+
+struct Element {
+    name: String,
+    count: usize,
+    properties: Vec<Property>,
+}
+
+/// Reads the content of a PLY file.
+pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+    let mut at = Cursor::new(bytes);
+    let (encoding, elements) = header(&mut at)?;
+    at.binary = encoding != Encoding::Ascii;
+    let mut body = Body { at, encoding };
+    let mut mesh = RawMesh::default();
+    for element in &elements {
+        let least: usize = element.properties.iter().map(|p| p.least(encoding)).sum();
+        let count = i64::try_from(element.count).unwrap_or(i64::MAX);
+        body.at.check_count(
+            count,
+            format_args!("the number of elements \"{}\"", element.name),
+            least.max(1),
+        )?;
+        match element.name.as_str() {
+            "vertex" => body.vertices(element, &mut mesh)?,
+            "face" => body.faces(element, &mut mesh)?,
+            "tristrips" => body.strips(element, &mut mesh)?,
+            _ => body.pass_over(element)?,
+        }
+    }
+    Ok(mesh)
+}
+
+fn header(at: &mut Cursor) -> Parse<(Encoding, Vec<Element>)> {
+    at.rest_of_line(); // ply
+    let mut encoding = None;
+    let mut elements: Vec<Element> = Vec::new();
+    loop {
+        let start = at.position();
+        if at.rest().is_empty() {
+            return Err("the file ends in its header, before end_header".into());
+        }
+        let line = String::from_utf8_lossy(at.rest_of_line()).into_owned();
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let wrong = |what: &str| at.error_at(start, format_args!("{what}, found {line:?}"));
+        match words[..] {
+            ["format", name, _] => {
+                encoding = Some(match name {
+                    "ascii" => Encoding::Ascii,
+                    "binary_little_endian" => Encoding::Little,
+                    "binary_big_endian" => Encoding::Big,
+                    _ => {
+                        return Err(wrong(
+                            "expected format ascii, binary_little_endian or binary_big_endian",
+                        ));
+                    }
+                });
+            }
+            ["element", name, count] => elements.push(Element {
+                name: name.into(),
+                count: count
+                    .parse()
+                    .map_err(|_| wrong("expected a number of elements"))?,
+                properties: Vec::new(),
+            }),
+            ["property", ref kind @ .., name] => {
+                let scalar = |word: &str| {
+                    scalar_type(word).ok_or_else(|| wrong("expected a type of numbers"))
+                };
+                let (count, scalar) = match *kind {
+                    [one] => (None, scalar(one)?),
+                    ["list", count, item] => (Some(scalar(count)?), scalar(item)?),
+                    _ => return Err(wrong("expected \"property TYPE NAME\" or a list")),
+                };
+                let last = elements.last_mut();
+                let last = last.ok_or_else(|| wrong("expected an element before a property"))?;
+                last.properties.push(Property {
+                    name: name.into(),
+                    scalar,
+                    count,
+                });
+            }
+            ["end_header"] => break,
+            ["comment" | "obj_info", ..] | [] => {}
+            _ => return Err(wrong("expected format, element, property or end_header")),
+        }
+    }
+    let encoding = encoding.ok_or("the header has no line \"format\"")?;
+    Ok((encoding, elements))
+}
+
+fn scalar_type(word: &str) -> Option<ScalarType> {
+    Some(match word {
+        "char" | "int8" => ScalarType::I8,
+        "uchar" | "uint8" => ScalarType::U8,
+        "short" | "int16" => ScalarType::I16,
+        "ushort" | "uint16" => ScalarType::U16,
+        "int" | "int32" => ScalarType::I32,
+        "uint" | "uint32" => ScalarType::U32,
+        "float" | "float32" => ScalarType::F32,
+        "double" | "float64" => ScalarType::F64,
+        _ => return None,
+    })
+}
+
+impl Property {
+    /// The fewest bytes that one of it takes.
+    fn least(&self, encoding: Encoding) -> usize {
+        match encoding {
+            Encoding::Ascii => 2,
+            _ => bytes_in(self.count.unwrap_or(self.scalar)),
+        }
+    }
+}
+
+fn bytes_in(scalar: ScalarType) -> usize {
+    match scalar {
+        ScalarType::I8 | ScalarType::U8 => 1,
+        ScalarType::I16 | ScalarType::U16 => 2,
+        ScalarType::I32 | ScalarType::U32 | ScalarType::F32 => 4,
+        ScalarType::I64 | ScalarType::U64 | ScalarType::F64 => 8,
+    }
+}
+
+/// What follows the header.
+struct Body<'a> {
+    at: Cursor<'a>,
+    encoding: Encoding,
+}
+
+impl Body<'_> {
+    fn number(&mut self, scalar: ScalarType, of: &str) -> Parse<f64> {
+        if self.encoding == Encoding::Ascii {
+            return self.at.number(format_args!("{of}"));
+        }
+        let mut bytes = [0; 8];
+        let length = bytes_in(scalar);
+        bytes[..length].copy_from_slice(self.at.take(length, format_args!("{of}"))?);
+        if self.encoding == Encoding::Big {
+            bytes[..length].reverse();
+        }
+        let [a, b, c, d, ..] = bytes;
+        Ok(match scalar {
+            ScalarType::I8 => f64::from(a as i8),
+            ScalarType::U8 => f64::from(a),
+            ScalarType::I16 => f64::from(i16::from_le_bytes([a, b])),
+            ScalarType::U16 => f64::from(u16::from_le_bytes([a, b])),
+            ScalarType::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            ScalarType::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            ScalarType::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            ScalarType::F64 => f64::from_le_bytes(bytes),
+            ScalarType::I64 => i64::from_le_bytes(bytes) as f64,
+            ScalarType::U64 => u64::from_le_bytes(bytes) as f64,
+        })
+    }
+
+    /// The items of a property: one, or those of a list.
+    fn items(&mut self, property: &Property) -> Parse<Vec<f64>> {
+        let count = match property.count {
+            None => 1,
+            Some(count) => {
+                let said = self.number(count, &property.name)?;
+                let least = match self.encoding {
+                    Encoding::Ascii => 1,
+                    _ => bytes_in(property.scalar),
+                };
+                let whole = said.fract() == 0.0 && said >= 0.0;
+                let said = if whole { said as i64 } else { -1 };
+                let what = format_args!("the length of list \"{}\"", property.name);
+                self.at.check_count(said, what, least)?
+            }
+        };
+        (0..count)
+            .map(|_| self.number(property.scalar, &property.name))
+            .collect()
+    }
+
+    fn pass_over(&mut self, element: &Element) -> Parse<()> {
+        for _ in 0..element.count {
+            for property in &element.properties {
+                self.items(property)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn vertices(&mut self, element: &Element, mesh: &mut RawMesh) -> Parse<()> {
+        let place = |name: &str| element.properties.iter().position(|p| p.name == name);
+        let (Some(x), Some(y), Some(z)) = (place("x"), place("y"), place("z")) else {
+            return Err("the vertices have no properties x, y and z".into());
+        };
+        // Properties beside the position, one number each, are fields.
+        let kept: Vec<usize> = (0..element.properties.len())
+            .filter(|n| ![x, y, z].contains(n) && element.properties[*n].count.is_none())
+            .collect();
+        let mut values: Vec<Vec<f64>> = vec![Vec::new(); kept.len()];
+        let mut row = vec![0.0; element.properties.len()];
+        for _ in 0..element.count {
+            for (value, property) in row.iter_mut().zip(&element.properties) {
+                *value = self.items(property)?.first().copied().unwrap_or(f64::NAN);
+            }
+            mesh.nodes.push(DVec3::new(row[x], row[y], row[z]));
+            for (values, n) in values.iter_mut().zip(&kept) {
+                values.push(row[*n]);
+            }
+        }
+        for (n, values) in kept.iter().zip(values) {
+            let property = &element.properties[*n];
+            mesh.fields.push(Field {
+                scalar_type: property.scalar,
+                ..Field::scalar(&property.name, Location::Node, values)
+            });
+        }
+        Ok(())
+    }
+
+    fn faces(&mut self, element: &Element, mesh: &mut RawMesh) -> Parse<()> {
+        for _ in 0..element.count {
+            for property in &element.properties {
+                let items = self.items(property)?;
+                if matches!(property.name.as_str(), "vertex_indices" | "vertex_index") {
+                    if items.len() > MOST_CORNERS {
+                        return Err(self
+                            .at
+                            .error(format_args!("a face of {} corners", items.len())));
+                    }
+                    mesh.cells.push(POLYGON, items.iter().map(|v| index(*v)));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Strips of triangles in one list, with −1 between them.
+    fn strips(&mut self, element: &Element, mesh: &mut RawMesh) -> Parse<()> {
+        const STRIP: u8 = 6;
+        for _ in 0..element.count {
+            for property in &element.properties {
+                let items = self.items(property)?;
+                if property.name == "vertex_indices" {
+                    for strip in items.split(|v| *v < 0.0) {
+                        mesh.cells.push(STRIP, strip.iter().map(|v| index(*v)));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A vertex index; what is none becomes one that is out of range.
+fn index(value: f64) -> usize {
+    match value >= 0.0 && value.fract() == 0.0 {
+        true => value as usize,
+        false => usize::MAX,
+    }
+}

@@ -1,0 +1,116 @@
+//! Reader for STL, ASCII and binary: triangles one by one.
+
+use crate::io::cells::RawMesh;
+use crate::io::cursor::{Cursor, Parse};
+use glam::DVec3;
+
+/// VTK's number for a triangle.
+const TRIANGLE: u8 = 5;
+/// Bytes before the triangles of a binary file, and of each triangle.
+const HEADER: usize = 84;
+const RECORD: usize = 50;
+
+/// Reads the content of an STL file.
+pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+    // Binary files may begin with "solid" as well: the length tells.
+    let count = bytes.get(80..HEADER).map(|c| {
+        let mut number = [0; 4];
+        number.copy_from_slice(c);
+        u32::from_le_bytes(number) as usize
+    });
+    let fits = |n: usize| n.checked_mul(RECORD).and_then(|n| n.checked_add(HEADER));
+    let exact = count.and_then(fits) == Some(bytes.len());
+    let text = bytes.trim_ascii_start().starts_with(b"solid");
+    if text && !exact {
+        return read_text(bytes);
+    }
+    let Some(count) = count else {
+        return Err(format!(
+            "a binary STL file has a header of {HEADER} bytes, but this file has {} bytes",
+            bytes.len()
+        ));
+    };
+    let there = bytes.len() - HEADER;
+    if fits(count).is_none_or(|n| n > bytes.len()) {
+        return Err(format!(
+            "byte 80: the header promises {count} triangles, but there are bytes for {} (wrong count, or a truncated file)",
+            there / RECORD
+        ));
+    }
+    let mut mesh = RawMesh::default();
+    if !exact {
+        mesh.warnings.push(format!(
+            "{} bytes after the last triangle are ignored",
+            there - count * RECORD
+        ));
+    }
+    for record in bytes[HEADER..].chunks_exact(RECORD).take(count) {
+        let number = |n: usize| {
+            let mut number = [0; 4];
+            number.copy_from_slice(&record[4 * n..4 * n + 4]);
+            f64::from(f32::from_le_bytes(number))
+        };
+        // The normal, numbers 0 to 2, follows from the corners.
+        for corner in 1..4 {
+            let at = 3 * corner;
+            mesh.nodes
+                .push(DVec3::new(number(at), number(at + 1), number(at + 2)));
+        }
+        push_triangle(&mut mesh);
+    }
+    Ok(mesh)
+}
+
+/// A triangle of the last three nodes.
+fn push_triangle(mesh: &mut RawMesh) {
+    let end = mesh.nodes.len();
+    mesh.cells.push(TRIANGLE, end - 3..end);
+}
+
+fn read_text(bytes: &[u8]) -> Parse<RawMesh> {
+    let mut at = Cursor::new(bytes);
+    let mut mesh = RawMesh::default();
+    at.rest_of_line(); // solid NAME
+    let mut corners = 0;
+    while let Some(token) = at.token() {
+        match token.to_ascii_lowercase().as_slice() {
+            b"facet" => {
+                at.rest_of_line(); // normal x y z
+                at.token(); // outer
+                at.token(); // loop
+                corners = 0;
+            }
+            b"vertex" => {
+                let mut p = [0.0; 3];
+                for (axis, value) in ["x", "y", "z"].iter().zip(&mut p) {
+                    *value = at.number(format_args!("the {axis} of a vertex"))?;
+                }
+                mesh.nodes.push(p.into());
+                corners += 1;
+            }
+            b"endloop" => {
+                if corners != 3 {
+                    return Err(at.error(format_args!(
+                        "a facet of STL has three vertices, this one has {corners}"
+                    )));
+                }
+                push_triangle(&mut mesh);
+                corners = 0;
+            }
+            b"endfacet" => {}
+            b"endsolid" | b"solid" => {
+                at.rest_of_line();
+            }
+            other => {
+                let shown = String::from_utf8_lossy(&other[..other.len().min(40)]);
+                return Err(at.error(format_args!(
+                    "expected facet, vertex, endloop, endfacet or endsolid, found {shown:?}"
+                )));
+            }
+        }
+    }
+    match corners {
+        0 => Ok(mesh),
+        _ => Err("the file ends in the middle of a facet (truncated?)".into()),
+    }
+}

@@ -1,0 +1,154 @@
+//! From the cells of a file to triangles: the stage that all surface readers share.
+
+use crate::io::cells::RawMesh;
+use crate::io::cursor::Parse;
+use crate::mesh::{Field, Location, TriMesh};
+use glam::DVec3;
+use std::collections::HashMap;
+
+/// The surface cells of `raw` as triangles.
+pub(super) fn into_surface(raw: RawMesh) -> Parse<TriMesh> {
+    let mut surface = TriMesh {
+        notes: raw.warnings.clone(),
+        ..TriMesh::default()
+    };
+    let (triangles, cells, dropped) = triangulated(&raw)?;
+    if dropped > 0 {
+        surface
+            .notes
+            .push(format!("{dropped} cells that are no polygons are left out"));
+    }
+    if triangles.is_empty() {
+        return Err("there is no triangle or polygon in it; a surface is needed".into());
+    }
+    if let Some(bad) = used(&triangles).find(|v| !raw.nodes[*v as usize].is_finite()) {
+        return Err(format!(
+            "vertex {bad} (counted from 0) lies at {}, which is no place",
+            raw.nodes[bad as usize]
+        ));
+    }
+    let (first, vertices) = merged(&raw.nodes, &triangles);
+    if vertices.merged > 0 {
+        surface.notes.push(format!(
+            "{} vertices that coincide with others were merged",
+            vertices.merged
+        ));
+    }
+    let mut kept = Vec::new();
+    for (n, triangle) in triangles.iter().enumerate() {
+        let [a, b, c] = triangle.map(|v| first[v as usize]);
+        let [p, q, r] = [a, b, c].map(|v| vertices.places[v as usize]);
+        if a != b && b != c && c != a && (q - p).cross(r - p) != DVec3::ZERO {
+            surface.triangles.push([a, b, c]);
+            kept.push(cells[n]);
+        }
+    }
+    let flat = triangles.len() - surface.triangles.len();
+    if flat > 0 {
+        surface
+            .notes
+            .push(format!("{flat} triangles without an area are left out"));
+    }
+    if surface.triangles.is_empty() {
+        return Err("none of its triangles has an area".into());
+    }
+    let sources = vertices.sources;
+    surface.vertices = vertices.places;
+    for field in raw.fields {
+        let items = match field.location {
+            Location::Node => raw.nodes.len(),
+            Location::Cell => raw.cells.len(),
+        };
+        if field.components == 0 || field.values.len() != items * field.components {
+            continue;
+        }
+        let width = field.components;
+        let tuple = |n: u32| {
+            let start = n as usize * width;
+            &field.values[start..start + width]
+        };
+        let from = match field.location {
+            Location::Node => &sources,
+            Location::Cell => &kept,
+        };
+        let values = from.iter().flat_map(|n| tuple(*n)).copied().collect();
+        surface.fields.push(Field { values, ..field });
+    }
+    Ok(surface)
+}
+
+fn used(triangles: &[[u32; 3]]) -> impl Iterator<Item = u32> {
+    triangles.iter().flatten().copied()
+}
+
+/// The triangles of all cells, the cell of each, and the number of cells that are no polygons.
+#[allow(clippy::type_complexity)]
+fn triangulated(raw: &RawMesh) -> Parse<(Vec<[u32; 3]>, Vec<u32>, usize)> {
+    let (mut triangles, mut cells, mut dropped) = (Vec::new(), Vec::new(), 0);
+    let mut cell = 0;
+    while let Some((kind, nodes)) = raw.cells.get(cell) {
+        if let Some(bad) = nodes.iter().find(|v| **v as usize >= raw.nodes.len()) {
+            return Err(format!(
+                "face {cell} (counted from 0) refers to vertex {bad}, but there are {} vertices",
+                raw.nodes.len()
+            ));
+        }
+        let before = triangles.len();
+        match (kind, nodes) {
+            (6, nodes) => triangles.extend(nodes.windows(3).enumerate().map(|(n, w)| {
+                // Every other triangle of a strip runs the other way.
+                match n % 2 {
+                    0 => [w[0], w[1], w[2]],
+                    _ => [w[1], w[0], w[2]],
+                }
+            })),
+            // A pixel's corners run in rows.
+            (8, [a, b, c, d]) => triangles.extend([[*a, *b, *d], [*a, *d, *c]]),
+            (5 | 7 | 9, [a, rest @ ..]) => {
+                triangles.extend(rest.windows(2).map(|w| [*a, w[0], w[1]]));
+            }
+            _ => dropped += 1,
+        }
+        cells.extend(std::iter::repeat_n(cell as u32, triangles.len() - before));
+        cell += 1;
+    }
+    Ok((triangles, cells, dropped))
+}
+
+/// The vertices that are left.
+struct Merged {
+    places: Vec<DVec3>,
+    /// The vertex of the file that each comes from.
+    sources: Vec<u32>,
+    merged: usize,
+}
+
+/// For each vertex of the file the one that takes its place: the first at the same place. Those
+/// that no triangle uses are left out.
+fn merged(nodes: &[DVec3], triangles: &[[u32; 3]]) -> (Vec<u32>, Merged) {
+    let mut first = vec![u32::MAX; nodes.len()];
+    let mut at: HashMap<[u64; 3], u32> = HashMap::new();
+    let mut vertices = Merged {
+        places: Vec::new(),
+        sources: Vec::new(),
+        merged: 0,
+    };
+    for v in used(triangles) {
+        if first[v as usize] != u32::MAX {
+            continue;
+        }
+        let place = nodes[v as usize];
+        // −0 and 0 are one place.
+        let key = (place + DVec3::ZERO).to_array().map(f64::to_bits);
+        let next = vertices.places.len() as u32;
+        let index = *at.entry(key).or_insert(next);
+        if index == next {
+            vertices.places.push(place);
+            vertices.sources.push(v);
+        } else {
+            vertices.merged += 1;
+        }
+        first[v as usize] = index;
+    }
+    (first, vertices)
+}
