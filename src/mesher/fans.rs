@@ -9,6 +9,8 @@ pub(super) struct Fans {
     pub region: Vec<u16>,
     /// Pairs that share a face.
     joined: Vec<[u32; 2]>,
+    /// Edges of the node's link that belong to one tet only.
+    rim: Vec<[u32; 2]>,
     /// Sets of tets, while they are counted.
     parent: Vec<u32>,
 }
@@ -31,22 +33,43 @@ impl Fans {
         region.push(0);
         let beyond = star.len() as u32;
         let mut joined = Vec::with_capacity(sides.len() / 2 + 1);
-        let mut open = false;
+        let mut rim = Vec::new();
         for same in sides.chunk_by(|a, b| a.0 == b.0) {
             if let [a, b] = same {
                 joined.push([a.1, b.1]);
             } else {
-                open = true;
+                rim.push(same[0].0);
                 joined.extend(same.iter().map(|s| [s.1, beyond]));
             }
         }
-        if !open {
+        if rim.is_empty() {
             region.pop();
         }
         Fans {
             parent: Vec::with_capacity(region.len()),
             region,
             joined,
+            rim,
+        }
+    }
+
+    /// Whether the faces at the node without a second tet form one fan, or there are none.
+    pub(super) fn has_simple_rim(&self) -> bool {
+        let Some(&[start, _]) = self.rim.first() else {
+            return true;
+        };
+        let (mut at, mut last, mut steps) = (start, u32::MAX, 0);
+        loop {
+            let mut next = self.rim.iter().enumerate().filter(|(_, e)| e.contains(&at));
+            let (Some((i, e)), Some((j, f)), None) = (next.next(), next.next(), next.next()) else {
+                return false;
+            };
+            let (edge, ends) = if i as u32 == last { (j, f) } else { (i, e) };
+            at = if ends[0] == at { ends[1] } else { ends[0] };
+            (last, steps) = (edge as u32, steps + 1);
+            if at == start {
+                return steps == self.rim.len();
+            }
         }
     }
 

@@ -11,6 +11,7 @@
 //!    are moved onto it.
 //! 4. `stencil`, `junction`: what each tet is divided into.
 //! 5. `islands`, `pinches`: small pieces, and places where a boundary is not a manifold.
+//! 6. `optimise`: the few worst tets are improved.
 
 mod closed_surface;
 mod cut;
@@ -22,6 +23,7 @@ mod label_domain;
 mod lattice;
 mod length;
 mod octree;
+mod optimise;
 mod pinches;
 mod report;
 mod spacing;
@@ -35,6 +37,7 @@ pub use domain::Domain;
 pub use islands::IslandReport;
 pub use label_domain::LabelDomain;
 pub use length::{Length, metres_in};
+pub use optimise::OptimiserReport;
 pub use pinches::PinchReport;
 pub use report::{MeshReport, RegionReport};
 pub use threshold_domain::ThresholdDomain;
@@ -128,8 +131,12 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
     } = laid;
     progress("cleaning", 0.7);
     report.islands = islands::dissolve(&nodes, &mut pieces, options.min_island);
+    let own = nodes.len();
     report.pinches = pinches::resolve(&mut nodes, &mut pieces);
     report.stage("cleaning");
+    progress("shapes", 0.8);
+    report.optimiser = optimise::improve(domain, report.edge, own, &mut nodes, &mut pieces);
+    report.stage("shapes");
     progress("quality", 0.9);
     let filling = finish(nodes, pieces, report)?;
     progress("done", 1.0);

@@ -53,7 +53,7 @@ pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchR
     report.left = (0..nodes.len() as u32)
         .into_par_iter()
         .with_min_len(1024)
-        .filter(|v| cost(*v, &stars, pieces) % OUTER > 0)
+        .filter(|v| !cost(*v, &stars, pieces).is_multiple_of(OUTER))
         .count();
     drop(stars);
     pieces.retain(|p| p.1 != 0);
@@ -155,7 +155,8 @@ fn part(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>, report: &mut PinchRepor
             .with_min_len(1024)
             .filter(|v| {
                 let star = stars.of(*v);
-                !star.is_empty() && Fans::new(*v, star, pieces).pinches()[0] > 0
+                let mut fans = Fans::new(*v, star, pieces);
+                !fans.has_simple_rim() || fans.split(|r| r != 0).1 > 1
             })
             .collect();
         if pinched.is_empty() {

@@ -1,6 +1,6 @@
 //! What is told of a filling.
 
-use super::{IslandReport, PinchReport};
+use super::{IslandReport, OptimiserReport, PinchReport};
 use crate::mesh::{DIHEDRAL_BINS, dihedral_angles, signed_volume};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -38,6 +38,8 @@ pub struct MeshReport {
     pub islands: Vec<IslandReport>,
     /// What was done where a boundary was no manifold.
     pub pinches: PinchReport,
+    /// What was done about the worst tets.
+    pub optimiser: OptimiserReport,
     /// What each stage took, in seconds.
     pub seconds: Vec<(&'static str, f64)>,
     /// The most memory the process has held so far, in bytes, where the system tells.

@@ -191,9 +191,7 @@ impl Domain for ThresholdDomain<'_> {
                     let [least, most] = self.bricks[b];
                     range = [range[0].min(least), range[1].max(most)];
                     region = self.region_of(range);
-                    if region.is_none() {
-                        return None;
-                    }
+                    region?;
                 }
             }
         }

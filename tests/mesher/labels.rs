@@ -12,7 +12,7 @@ fn noise(seed: u64, n: usize) -> u64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn random_labels_are_filled_soundly(
         seed: u64,
@@ -28,7 +28,7 @@ proptest! {
         });
         let Ok(domain) = LabelDomain::new(&volume, None) else { return Ok(()) };
         let f = filled(&domain, &options(edge, f64::from(1 << grading)));
-        println!("{} tets {:?} {:.2}", f.tets.len(), f.report.seconds, angles(&f).0);
+
         prop_assert_eq!(faults(&f), Vec::<String>::new());
         prop_assert!(angles(&f).0 > 4.0);
     }

@@ -1,0 +1,119 @@
+//! Better shapes for the few worst tets: nodes are moved, edges flipped or collapsed around them.
+//!
+//! Nothing else is touched, and no step is taken that does not improve the worst tet it changes.
+//! After Freitag & Ollivier-Gooch, *Tetrahedral mesh improvement using swapping and smoothing*
+//! (1997), and Klingner & Shewchuk, *Aggressive tetrahedral mesh improvement* (2007).
+
+mod collapse;
+mod flip;
+mod shape;
+mod smooth;
+mod work;
+
+use super::Domain;
+use super::stencil::Piece;
+use glam::DVec3;
+use rayon::prelude::*;
+use work::Work;
+
+/// Tets of a lesser shape than this are worked on: 11.5° in the acute angles.
+const GOAL: f64 = 0.2;
+
+/// Rounds over the bad tets.
+const ROUNDS: usize = 6;
+
+/// What was done to improve the shape of tets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct OptimiserReport {
+    /// Tets that asked for it.
+    pub bad: usize,
+    /// Times that a node was moved.
+    pub moved: usize,
+    /// Edges or faces that were replaced by others.
+    pub flipped: usize,
+    /// Edges that were collapsed to a node.
+    pub collapsed: usize,
+    /// Tets that are still below the goal.
+    pub left: usize,
+}
+
+/// Improves the worst tets. Nodes from number `doubled` on, and those at the same places, stay.
+pub(super) fn improve(
+    domain: &dyn Domain,
+    edge: f64,
+    doubled: usize,
+    nodes: &mut Vec<DVec3>,
+    pieces: &mut Vec<Piece>,
+) -> OptimiserReport {
+    let mut report = OptimiserReport::default();
+    let mut bad = bad_tets(nodes, pieces);
+    report.bad = bad.len();
+    if bad.is_empty() {
+        return report;
+    }
+    let (own_nodes, own_pieces) = (std::mem::take(nodes), std::mem::take(pieces));
+    let mut work = Work::new(domain, edge, doubled, own_nodes, own_pieces);
+    for _ in 0..ROUNDS {
+        let before = report;
+        for t in &bad {
+            work.better(*t, &mut report);
+        }
+        bad = bad_tets(&work.nodes, &work.pieces);
+        if bad.is_empty() || report == before {
+            break;
+        }
+    }
+    report.left = bad.len();
+    (*nodes, *pieces) = (work.nodes, work.pieces);
+    pieces.retain(|p| p.1 != 0);
+    report
+}
+
+/// The tets below the goal, the worst first.
+fn bad_tets(nodes: &[DVec3], pieces: &[Piece]) -> Vec<u32> {
+    let mut bad: Vec<(f64, u32)> = pieces
+        .par_iter()
+        .enumerate()
+        .filter(|(_, piece)| piece.1 != 0)
+        .map(|(t, (tet, _))| (shape::shape(tet.map(|v| nodes[v as usize])), t as u32))
+        .filter(|(shape, _)| *shape < GOAL)
+        .collect();
+    bad.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    bad.into_iter().map(|b| b.1).collect()
+}
+
+impl Work<'_> {
+    /// Tries what may help tet `t`, until it is good enough or nothing does.
+    fn better(&mut self, t: u32, report: &mut OptimiserReport) {
+        for _ in 0..4 {
+            if !self.is_bad(t) {
+                return;
+            }
+            if self.flip_around(t) {
+                report.flipped += 1;
+                continue;
+            }
+            let mut moved = false;
+            for v in self.pieces[t as usize].0 {
+                while self.smooth(v) {
+                    report.moved += 1;
+                    moved = true;
+                    if !self.is_bad(t) {
+                        return;
+                    }
+                }
+            }
+            if self.collapse_around(t) {
+                report.collapsed += 1;
+                continue;
+            }
+            if !moved {
+                return;
+            }
+        }
+    }
+
+    fn is_bad(&self, t: u32) -> bool {
+        self.pieces[t as usize].1 != 0 && self.shape_of(t) < GOAL
+    }
+}

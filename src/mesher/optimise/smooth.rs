@@ -1,0 +1,139 @@
+//! Nodes moved to where the worst tet around them is better.
+//!
+//! Nodes on boundaries slide along them: a move is followed by one onto the place where the
+//! regions around the node weigh the same.
+
+use super::shape::shape;
+use super::work::Work;
+use glam::{DMat3, DVec3};
+
+/// Steps that are tried, as parts of the mean length of the edges at the node.
+const STEPS: [f64; 4] = [0.3, 0.15, 0.06, 0.02];
+
+/// Nodes on a boundary stay as near to it as this part of the lattice's edge.
+const NEAR: f64 = 0.08;
+
+/// Gradients of weights are differences over this part of the lattice's edge.
+const DIFFERENCE: f64 = 0.02;
+
+/// A move must improve the worst shape by this much.
+const LEAST_GAIN: f64 = 1e-3;
+
+impl Work<'_> {
+    /// Moves node `v` to the best of some places around it, if one is better.
+    pub(super) fn smooth(&mut self, v: u32) -> bool {
+        if self.is_fixed(v) {
+            return false;
+        }
+        let regions = self.regions_at(v);
+        if regions.len() > 4 {
+            return false;
+        }
+        let star = self.star(v).to_vec();
+        let here = self.nodes[v as usize];
+        let mut length = 0.0;
+        for t in &star {
+            let edges = self.positions(self.corners(*t)).map(|p| p.distance(here));
+            length += edges.into_iter().sum::<f64>() / 3.0;
+        }
+        length /= star.len().max(1) as f64;
+        let boundary = match regions.len() {
+            1 => None,
+            _ => match self.boundary_at(here, &regions) {
+                Some(boundary) => Some(boundary),
+                None => return false,
+            },
+        };
+        let mut best = (self.worst(&star) + LEAST_GAIN, None);
+        for step in STEPS {
+            for n in (0..27).filter(|n| *n != 13) {
+                let direction = DVec3::from([n % 3, n / 3 % 3, n / 9].map(|c| f64::from(c) - 1.0));
+                let to = here + direction.normalize() * (step * length);
+                let to = match &boundary {
+                    Some(boundary) => self.onto(boundary, to, &regions),
+                    None => Some(to),
+                };
+                let Some(to) = to else { continue };
+                let least = self.worst_with(v, to, &star, best.0);
+                if least > best.0 {
+                    best = (least, Some(to));
+                }
+            }
+            if best.1.is_some() {
+                break;
+            }
+        }
+        if let Some(to) = best.1 {
+            self.nodes[v as usize] = to;
+            return true;
+        }
+        false
+    }
+
+    /// The worst shape around `v` if it were at `to`, or any number below `enough`.
+    fn worst_with(&self, v: u32, to: DVec3, star: &[u32], enough: f64) -> f64 {
+        let mut least = f64::INFINITY;
+        for t in star {
+            let tet = self.corners(*t);
+            let mut at = self.positions(tet);
+            for (corner, position) in tet.iter().zip(&mut at) {
+                if *corner == v {
+                    *position = to;
+                }
+            }
+            least = least.min(shape(at));
+            if least <= enough {
+                break;
+            }
+        }
+        least
+    }
+
+    /// By how much the first region outweighs each other one at `p`; unused entries are 0.
+    fn gaps(&mut self, p: DVec3, regions: &[u16]) -> DVec3 {
+        let of = |i: usize| regions.get(i).copied().unwrap_or(regions[0]);
+        let [a, b, c, d] = self.sampler.of(p, [regions[0], of(1), of(2), of(3)]);
+        DVec3::new(a - b, a - c, a - d)
+    }
+
+    /// The boundary between `regions` at `p`, linearised; none where weights do not change.
+    fn boundary_at(&mut self, p: DVec3, regions: &[u16]) -> Option<Boundary> {
+        let step = DIFFERENCE * self.edge;
+        let slope = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
+            let ahead = self.gaps(p + step * axis, regions);
+            (ahead - self.gaps(p - step * axis, regions)) / (2.0 * step)
+        });
+        // Rows are the gradients of the gaps.
+        let gradients = DMat3::from_cols(slope[0], slope[1], slope[2]);
+        let rows = gradients.transpose();
+        let mut square = gradients * rows;
+        let scale = rows.x_axis.length_squared();
+        // Unused gaps, and those that depend on the others, stay 0.
+        for i in 0..3 {
+            square.col_mut(i)[i] += 1e-6 * scale + f64::MIN_POSITIVE;
+        }
+        // From gaps to the shortest step that closes them.
+        let back = rows * square.inverse();
+        let off = back.mul_vec3(self.gaps(p, regions)).length();
+        off.is_finite().then_some(Boundary { back })
+    }
+
+    /// `p` moved onto the boundary; none when it does not come near.
+    fn onto(&mut self, boundary: &Boundary, mut p: DVec3, regions: &[u16]) -> Option<DVec3> {
+        let near = NEAR * self.edge;
+        for _ in 0..3 {
+            let off = boundary.back.mul_vec3(self.gaps(p, regions));
+            p -= off.clamp_length_max(0.5 * self.edge);
+            if off.length() < 0.1 * near {
+                break;
+            }
+        }
+        let off = boundary.back.mul_vec3(self.gaps(p, regions));
+        (off.length() < near).then_some(p)
+    }
+}
+
+/// A boundary near a node: from the gaps between weights to the way back onto it.
+struct Boundary {
+    back: DMat3,
+}
