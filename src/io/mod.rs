@@ -8,6 +8,8 @@ mod atomic;
 mod cell_kinds;
 mod cells;
 mod cursor;
+#[doc(hidden)]
+pub mod fuzz;
 mod gmsh;
 mod gmsh_data;
 mod gmsh_source;

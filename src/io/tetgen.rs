@@ -122,7 +122,7 @@ fn no_more(at: &mut Cursor, count: usize, what: &str) -> Parse<()> {
 }
 
 /// Reads the nodes; their indices by the numbers they have in the file.
-fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
+pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
     let mut at = Cursor::with_comments(bytes);
     let (count, header) = header(&mut at, "nodes, dimension, attributes, boundary markers", 8)?;
     if let Some(other) = header.get(1).filter(|d| **d != 3) {
@@ -166,7 +166,7 @@ fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
     Ok(tags)
 }
 
-fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Parse<()> {
+pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Parse<()> {
     let mut at = Cursor::with_comments(bytes);
     let (count, header) = header(&mut at, "tetrahedra, nodes of each, attributes", 10)?;
     let (kind, corners) = match header.get(1).copied().unwrap_or(4) {

@@ -32,17 +32,32 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
         };
         super::content(&file).map_err(|e| format!("its data file cannot be read: {e}"))
     };
-    let reader = if bytes.starts_with(nrrd::MAGIC) {
-        nrrd::read
-    } else if nifti::is_nifti(&bytes) {
-        nifti::read
-    } else if metaimage::is_metaimage(&bytes) {
-        metaimage::read
+    volume_of(&bytes, &fetch).map_err(|e| Error::format(path, e))
+}
+
+/// Whether a file begins as a volume does.
+pub(super) fn is_volume(bytes: &[u8]) -> bool {
+    reader_of(bytes).is_some()
+}
+
+type Reader = fn(&[u8], Fetch) -> Parse<Volume>;
+
+fn reader_of(bytes: &[u8]) -> Option<Reader> {
+    if bytes.starts_with(nrrd::MAGIC) {
+        Some(nrrd::read)
+    } else if nifti::is_nifti(bytes) {
+        Some(nifti::read)
+    } else if metaimage::is_metaimage(bytes) {
+        Some(metaimage::read)
     } else {
-        return Err(Error::format(
-            path,
-            "neither the content nor the extension is of a known volume format; Palpate reads NIfTI, NRRD and MetaImage",
-        ));
-    };
-    reader(&bytes, &fetch).map_err(|e| Error::format(path, e))
+        None
+    }
+}
+
+/// The volume in the content of a file.
+pub(super) fn volume_of(bytes: &[u8], fetch: Fetch) -> Parse<Volume> {
+    let reader = reader_of(bytes).ok_or(
+        "this is no volume that Palpate reads: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) and MetaImage (.mhd, .mha) are",
+    )?;
+    reader(bytes, fetch)
 }

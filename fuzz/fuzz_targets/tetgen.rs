@@ -1,0 +1,8 @@
+#![no_main]
+use libfuzzer_sys::fuzz_target;
+use palpate::io::fuzz;
+
+fuzz_target!(|data: &[u8]| {
+    let (node, ele) = palpate_fuzz::halves(data);
+    let _ = fuzz::tetgen(node, ele);
+});

@@ -1,0 +1,36 @@
+//! The readers without files, for fuzzing: bytes in, a mesh, surface, volume or error out.
+
+use super::cells::RawMesh;
+use crate::mesh::{TetMesh, TriMesh};
+use crate::volume::Volume;
+
+type Parsed<T> = Result<T, String>;
+
+/// A mesh file with that extension, the whole way to tets.
+pub fn mesh(extension: &str, bytes: &[u8]) -> Parsed<TetMesh> {
+    let reader = super::format_of(bytes, extension)?;
+    reader(bytes)?.into_tets().map_err(|e| e.to_string())
+}
+
+/// A pair of TetGen's files.
+pub fn tetgen(node: &[u8], ele: &[u8]) -> Parsed<TetMesh> {
+    let mut mesh = RawMesh::default();
+    let tags = super::tetgen::read_nodes(node, &mut mesh)?;
+    super::tetgen::read_elements(ele, &tags, &mut mesh)?;
+    mesh.into_tets().map_err(|e| e.to_string())
+}
+
+/// A series of frames; returns how many.
+pub fn pvd(bytes: &[u8]) -> Parsed<usize> {
+    super::pvd::parse(bytes).map(|frames| frames.len())
+}
+
+/// A surface file with that extension.
+pub fn surface(extension: &str, bytes: &[u8]) -> Parsed<TriMesh> {
+    super::surface::surface_of(bytes, extension)
+}
+
+/// A volume file, all of whose detached data are `data`.
+pub fn volume(bytes: &[u8], data: &[u8]) -> Parsed<Volume> {
+    super::volume::volume_of(bytes, &|_| Ok(data.to_vec()))
+}
