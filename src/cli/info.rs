@@ -2,27 +2,44 @@
 
 use super::Outcome;
 use clap::Args;
-use palpate::io;
-use palpate::mesh::Description;
+use palpate::io::{self, Kind};
+use palpate::mesh::{Description, SurfaceDescription};
+use palpate::volume::VolumeDescription;
+use std::fmt::Display;
 use std::io::Write;
 use std::path::PathBuf;
 
 /// Arguments of `info`.
 #[derive(Args)]
 pub struct InfoArguments {
-    /// A mesh file: .vtk, .vtu, .msh, .node or .ele, .mesh
+    /// A mesh (.vtk, .vtu, .msh, .node or .ele, .mesh), a volume (.nii, .nii.gz, .nrrd, .nhdr, .mhd,
+    /// .mha, a DICOM folder) or a surface (.stl, .ply, .obj, .vtk)
     file: PathBuf,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
 
-/// Prints the description of a mesh.
+/// Prints the description of what the file holds.
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<Outcome> {
-    let description = Description::new(&io::read(&arguments.file)?);
+    let file = &arguments.file;
+    match io::kind(file)? {
+        Kind::Volume => print(&VolumeDescription::new(&io::read_volume(file)?), arguments),
+        Kind::Surface => print(
+            &SurfaceDescription::new(&io::read_surface(file)?),
+            arguments,
+        ),
+        Kind::Mesh => print(&Description::new(&io::read(file)?), arguments),
+    }
+}
+
+fn print(
+    description: &(impl Display + serde::Serialize),
+    arguments: &InfoArguments,
+) -> anyhow::Result<Outcome> {
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&description)?)?;
+        writeln!(out, "{}", serde_json::to_string_pretty(description)?)?;
     } else {
         write!(out, "{description}")?;
     }

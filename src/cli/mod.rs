@@ -4,6 +4,7 @@ mod compare;
 mod demo;
 mod flags;
 mod info;
+mod mesh;
 mod progress;
 mod render;
 mod simulate;
@@ -27,12 +28,14 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Say what is in a mesh file, and what is wrong with it
+    /// Say what is in a mesh, volume or surface file, and what is wrong with it
     Info(info::InfoArguments),
     /// Draw a picture of a mesh or scene, deformed if a solver is named
     Render(Box<render::RenderArguments>),
     /// Draw and write every frame of a simulation, or of a series recorded before
     Simulate(Box<simulate::SimulateArguments>),
+    /// Make a tetrahedral mesh of a scan, a segmentation or closed surfaces; or a surface of one
+    Mesh(Box<mesh::MeshArguments>),
     /// Hold picture against picture; exit code 1 past the tolerance
     Compare(compare::CompareArguments),
     /// Bend the limb phantom and leave pictures, an animation and a series
@@ -71,6 +74,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Info(arguments) => info::run(arguments),
         Command::Render(arguments) => render::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Simulate(arguments) => simulate::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Mesh(arguments) => mesh::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Adapters => adapters(adapter),

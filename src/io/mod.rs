@@ -59,6 +59,43 @@ pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
     raw.into_tets().map_err(|e| Error::format(path, e))
 }
 
+/// What a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// An image on a regular grid: [`read_volume`] reads it.
+    Volume,
+    /// Triangles or polygons: [`read_surface`] reads it.
+    Surface,
+    /// Cells, as [`read`] reads them.
+    Mesh,
+}
+
+/// What the file (or folder of DICOM slices) at `path` holds, by its content, then its
+/// extension. A file of no known kind counts as a mesh, whose reader says what it expected.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn kind(path: impl AsRef<Path>) -> Result<Kind> {
+    let path = path.as_ref();
+    if path.is_dir() {
+        return Ok(Kind::Volume);
+    }
+    let bytes = content(path)?;
+    let extension = extension(path);
+    let head = &bytes[..bytes.len().min(1024)];
+    let polydata = bytes.starts_with(vtk_legacy::MAGIC)
+        && String::from_utf8_lossy(head)
+            .to_uppercase()
+            .contains("DATASET POLYDATA");
+    Ok(if volume::is_volume(&bytes) {
+        Kind::Volume
+    } else if polydata || surface::reader_of(&bytes, &extension).is_some() {
+        Kind::Surface
+    } else {
+        Kind::Mesh
+    })
+}
+
 type Reader = fn(&[u8]) -> cursor::Parse<cells::RawMesh>;
 
 fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {

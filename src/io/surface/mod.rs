@@ -17,10 +17,10 @@ use crate::mesh::TriMesh;
 use crate::{Error, Result};
 use std::path::Path;
 
-type Reader = fn(&[u8]) -> Parse<RawMesh>;
+pub(super) type Reader = fn(&[u8]) -> Parse<RawMesh>;
 
 /// The reader for STL, PLY or OBJ.
-fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
+pub(super) fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
     if bytes.starts_with(ply::MAGIC) {
         Some(ply::read)
     } else if extension == "obj" {

@@ -1,0 +1,187 @@
+//! `palpate mesh`: scans, segmentations and surfaces to tets; surfaces out of them.
+
+use super::{Outcome, progress, tell};
+use clap::Args;
+use palpate::mesher::{Labels, Length, Recipe, RecipeReport, Size, Window};
+use palpate::scene::Unit;
+use palpate::{Error, io};
+use std::path::PathBuf;
+
+/// Arguments of `mesh`.
+#[derive(Args)]
+pub struct MeshArguments {
+    /// A volume (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder), closed surfaces (.stl,
+    /// .ply, .obj, .vtk; one a region, later ones inside earlier ones), or, for a surface out, a
+    /// tet mesh
+    #[arg(required = true)]
+    input: Vec<PathBuf>,
+    /// The mesh (.vtu), or a surface (.ply, .obj, .stl): the isosurface of a volume at its full
+    /// resolution, or the boundary of the labels of a tet mesh
+    #[arg(long, short)]
+    out: PathBuf,
+
+    /// Regions from labels: all, or a list such as 1,2,5
+    #[arg(long, help_heading = "Regions", value_parser = labels)]
+    labels: Option<Labels>,
+    /// A region of the values from a threshold on: [NAME=]VALUE; repeat it for regions inside
+    /// each other
+    #[arg(
+        long,
+        help_heading = "Regions",
+        allow_hyphen_values = true,
+        value_name = "[NAME=]VALUE"
+    )]
+    above: Vec<Window>,
+    /// A region of the values in a range: [NAME=]LOW..HIGH
+    #[arg(
+        long,
+        help_heading = "Regions",
+        allow_hyphen_values = true,
+        value_name = "[NAME=]LOW..HIGH"
+    )]
+    between: Vec<Window>,
+    /// Smallest volume of a piece of a region that is kept, in cubic units of the input (mm³ for
+    /// volumes)
+    #[arg(long, help_heading = "Regions")]
+    min_island: Option<f64>,
+
+    /// Edge length near boundaries: 2mm, or a number in the unit of the input
+    #[arg(long, help_heading = "Size", conflicts_with = "tets")]
+    edge: Option<Length>,
+    /// About how many tets, within 15 % [default: 50000]
+    #[arg(long, help_heading = "Size")]
+    tets: Option<usize>,
+    /// How many times longer edges may grow away from boundaries; 1 for none
+    #[arg(long, help_heading = "Size", default_value_t = 8.0)]
+    grading: f64,
+    /// The unit of a surface file: m, cm, mm, um, in (volumes are in mm)
+    #[arg(long, help_heading = "Size")]
+    unit: Option<String>,
+    /// lattice (our own), or tetgen: the installed program of that name, on surfaces
+    #[arg(long, help_heading = "Size", default_value = "lattice")]
+    with: String,
+
+    /// A volume whose values the nodes take: [NAME=]FILE; repeat it for several
+    #[arg(long, help_heading = "Fields", value_name = "[NAME=]FILE")]
+    intensity: Vec<String>,
+    /// Rounds of smoothing of a surface out
+    #[arg(long, help_heading = "Fields", default_value_t = 0)]
+    smooth: u32,
+    /// Write what was made, how well and how fast as JSON
+    #[arg(long)]
+    report: Option<PathBuf>,
+}
+
+fn labels(text: &str) -> Result<Labels, String> {
+    if text.eq_ignore_ascii_case("all") {
+        return Ok(Labels::All);
+    }
+    let numbers: Result<Vec<i64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers {
+        Ok(numbers) => Ok(Labels::These(numbers)),
+        Err(_) => Err("\"all\" or whole numbers separated by commas are expected".into()),
+    }
+}
+
+impl MeshArguments {
+    fn recipe(&self) -> palpate::Result<Recipe> {
+        let unit = match &self.unit {
+            None => None,
+            Some(unit) => Some(Unit::Name(unit.clone()).metres()?),
+        };
+        let tetgen = match self.with.as_str() {
+            "lattice" => false,
+            "tetgen" => true,
+            other => {
+                return Err(Error::Input(format!(
+                    "there is no mesher \"{other}\"; use lattice or tetgen"
+                )));
+            }
+        };
+        let intensities = self
+            .intensity
+            .iter()
+            .map(|text| match text.split_once('=') {
+                Some((name, file)) => (name.to_owned(), PathBuf::from(file)),
+                None => ("intensity".to_owned(), PathBuf::from(text)),
+            });
+        Ok(Recipe {
+            input: self.input.clone(),
+            labels: self.labels.clone(),
+            above: self.above.clone(),
+            between: self.between.clone(),
+            size: match (self.edge, self.tets) {
+                (Some(edge), _) => Some(Size::Edge(edge)),
+                (None, tets) => tets.map(Size::Tets),
+            },
+            grading: Some(self.grading),
+            min_island: self.min_island,
+            unit,
+            intensities: intensities.collect(),
+            tetgen,
+        })
+    }
+}
+
+/// Makes the mesh or surface and says what it is like.
+pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
+    let recipe = arguments.recipe()?;
+    let made = progress::stages(|progress| recipe.mesh(progress))?;
+    io::write(&arguments.out, &made.mesh)?;
+    tell(&made.notes);
+    tell(&summary(&made.report));
+    if let Some(path) = &arguments.report {
+        io::atomic_write(path, |file| {
+            serde_json::to_writer_pretty(file, &made.report).map_err(|e| Error::io(path)(e.into()))
+        })?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// What was made, a line a region, and how good it is.
+fn summary(report: &RecipeReport) -> Vec<String> {
+    let mut lines: Vec<String> = report
+        .regions
+        .iter()
+        .map(|region| {
+            let name = region.name.as_deref().unwrap_or("");
+            let off = region.input_volume.map(|input| {
+                format!(
+                    " ({:+.1} % of the input's)",
+                    100.0 * (region.volume / input - 1.0)
+                )
+            });
+            format!(
+                "region {} {name}: {} tets, volume {:.1}{}",
+                region.label,
+                region.tets,
+                region.volume,
+                off.unwrap_or_default()
+            )
+        })
+        .collect();
+    let Some(mesher) = &report.mesher else {
+        return lines;
+    };
+    let islands: usize = mesher.islands.iter().map(|i| i.islands).sum();
+    if islands > 0 {
+        let volume: f64 = mesher.islands.iter().map(|i| i.volume).sum();
+        lines.push(format!(
+            "{islands} islands, {volume:.1} in all, were given to what surrounds them"
+        ));
+    }
+    lines.push(format!(
+        "{} tets, {} nodes, edges of {:.3} at boundaries; dihedral angles {:.1}° to {:.1}°, 1 in 100 tets below {:.1}°",
+        mesher.tets,
+        mesher.nodes,
+        mesher.edge,
+        mesher.min_dihedral,
+        mesher.max_dihedral,
+        mesher.first_percentile
+    ));
+    let memory = mesher.peak_memory.map_or(String::new(), |bytes| {
+        format!(", {:.0} MB at most", bytes as f64 / 1e6)
+    });
+    lines.push(format!("{:.2} s{memory}", report.seconds));
+    lines
+}

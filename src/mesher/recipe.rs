@@ -1,0 +1,350 @@
+//! From files to a mesh with regions, names and intensities.
+
+use super::{
+    ClosedSurface, Domain, Filling, LabelDomain, Length, MeshOptions, MeshReport, Progress,
+    Spacing, SurfaceDomain, ThresholdDomain, Window, fill,
+};
+use crate::io::{self, Kind};
+use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::volume::Volume;
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Tets where nothing is said.
+const TETS: usize = 50_000;
+/// Metres in the world's unit of volumes.
+const MILLIMETRE: f64 = 1e-3;
+
+/// Which labels of a volume become regions.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Labels {
+    /// All but 0.
+    All,
+    /// These.
+    These(Vec<i64>),
+}
+
+/// How large the tets are, in a user's words.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Size {
+    /// Edges at boundaries are about this long.
+    Edge(Length),
+    /// About so many tets.
+    Tets(usize),
+}
+
+/// What to make a mesh of, and how.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recipe {
+    /// One volume, or closed surfaces, one a region; later ones lie inside earlier ones.
+    pub input: Vec<PathBuf>,
+    /// Regions from the labels of a volume; all of a label map where nothing is said.
+    pub labels: Option<Labels>,
+    /// Regions from thresholds on, each up to the next.
+    pub above: Vec<Window>,
+    /// Regions between thresholds.
+    pub between: Vec<Window>,
+    /// How large the tets are; about 50,000 of them by default.
+    pub size: Option<Size>,
+    /// Times by which edges may be longer away from boundaries.
+    pub grading: Option<f64>,
+    /// Pieces of regions of less volume are given to what surrounds them, in cubic units of the
+    /// input.
+    pub min_island: Option<f64>,
+    /// Metres in the unit of surface files; volumes are in mm.
+    pub unit: Option<f64>,
+    /// Volumes whose values the nodes take, by the name of the field.
+    pub intensities: Vec<(String, PathBuf)>,
+    /// Whether the installed program TetGen makes the tets.
+    pub tetgen: bool,
+}
+
+/// A mesh that was made, and how.
+#[derive(Debug)]
+pub struct Made {
+    /// The mesh: cell field `label`, node fields of intensities, names of its regions, its unit.
+    pub mesh: TetMesh,
+    /// How it was made.
+    pub report: RecipeReport,
+    /// What was mended or is odd, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// How a mesh was made, and how good it is.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct RecipeReport {
+    /// The regions of the mesh.
+    pub regions: Vec<MadeRegion>,
+    /// What the lattice mesher tells, where it made the mesh.
+    pub mesher: Option<MeshReport>,
+    /// What all took, reading included, in seconds.
+    pub seconds: f64,
+}
+
+/// A region of a mesh that was made.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct MadeRegion {
+    /// Its value in the cell field `label`.
+    pub label: i64,
+    /// Its name, where it has one.
+    pub name: Option<String>,
+    /// Number of its tets.
+    pub tets: usize,
+    /// Their volume, in cubic units of the mesh.
+    pub volume: f64,
+    /// The volume in the input: that of its voxels, or what its surface encloses.
+    pub input_volume: Option<f64>,
+}
+
+/// The regions of a domain: label, name and volume of each.
+struct Regions {
+    labels: Vec<i64>,
+    names: Vec<Option<String>>,
+    volumes: Vec<Option<f64>>,
+}
+
+impl Recipe {
+    /// Makes the mesh, telling `progress` what is being done.
+    ///
+    /// # Errors
+    /// What reading gives; [`Error::Input`] for a recipe that does not fit its input; otherwise as
+    /// [`fill`].
+    pub fn mesh(&self, progress: Progress) -> Result<Made> {
+        let started = Instant::now();
+        let Some(first) = self.input.first() else {
+            return Err(Error::Input(
+                "there is nothing to mesh; name a volume or a surface".into(),
+            ));
+        };
+        progress("reading", 0.0);
+        let mut made = match io::kind(first)? {
+            Kind::Volume => self.mesh_volume(first, progress)?,
+            Kind::Surface => self.mesh_surfaces(progress)?,
+            Kind::Mesh => {
+                return Err(Error::Input(format!(
+                    "{} is a tetrahedral mesh already; a volume or a closed surface is meshed (a surface out of it: --out NAME.ply)",
+                    first.display()
+                )));
+            }
+        };
+        for (name, file) in &self.intensities {
+            progress("intensities", 0.95);
+            let field = io::read_volume(file)?.onto_nodes(&made.mesh, name);
+            made.mesh.set_field(field)?;
+        }
+        made.report.seconds = started.elapsed().as_secs_f64();
+        Ok(made)
+    }
+
+    /// The windows asked for: thresholds nest, each up to the next.
+    pub fn windows(&self) -> Vec<Window> {
+        let mut windows = self.above.clone();
+        windows.sort_by(|a, b| a.low.total_cmp(&b.low));
+        for n in 1..windows.len() {
+            windows[n - 1].high = windows[n].low;
+        }
+        windows.extend(self.between.iter().cloned());
+        windows
+    }
+
+    fn mesh_volume(&self, file: &Path, progress: Progress) -> Result<Made> {
+        if self.input.len() > 1 {
+            return Err(Error::Input(format!(
+                "{} is a volume, so it is meshed alone; further volumes give intensities (--intensity)",
+                file.display()
+            )));
+        }
+        if self.tetgen {
+            return Err(Error::Input(
+                "TetGen meshes surfaces: make one of the volume first (--out NAME.ply)".into(),
+            ));
+        }
+        let volume = io::read_volume(file)?;
+        let windows = self.windows();
+        if !windows.is_empty() {
+            if self.labels.is_some() {
+                return Err(Error::Input(
+                    "both labels and thresholds are given; regions come from one of them".into(),
+                ));
+            }
+            let domain = ThresholdDomain::new(&volume, &windows)?;
+            let regions = Regions::of_windows(&windows);
+            let mut made = self.fill(&domain, regions, Some(MILLIMETRE), progress)?;
+            progress("intensities", 0.9);
+            let field = volume.onto_nodes(&made.mesh, "intensity");
+            made.mesh.set_field(field)?;
+            return Ok(made);
+        }
+        let labels = match &self.labels {
+            Some(Labels::These(labels)) => Some(labels.as_slice()),
+            Some(Labels::All) => None,
+            None => {
+                check_label_map(file, &volume)?;
+                None
+            }
+        };
+        let domain = LabelDomain::new(&volume, labels)?;
+        let regions = Regions {
+            labels: domain.labels().to_vec(),
+            names: domain
+                .labels()
+                .iter()
+                .map(|l| volume.names.get(l).cloned())
+                .collect(),
+            volumes: domain.voxel_volumes().into_iter().map(Some).collect(),
+        };
+        self.fill(&domain, regions, Some(MILLIMETRE), progress)
+    }
+
+    fn mesh_surfaces(&self, progress: Progress) -> Result<Made> {
+        if self.labels.is_some() || !self.windows().is_empty() {
+            return Err(Error::Input(
+                "labels and thresholds are for volumes; a surface is a region as it is".into(),
+            ));
+        }
+        let mut notes = Vec::new();
+        let mut surfaces = Vec::new();
+        let mut regions = Regions {
+            labels: Vec::new(),
+            names: Vec::new(),
+            volumes: Vec::new(),
+        };
+        for file in &self.input {
+            let surface = io::read_surface(file)?;
+            let said = |note: &String| format!("{}: {note}", file.display());
+            notes.extend(surface.notes.iter().map(said));
+            let closed =
+                ClosedSurface::new(&surface).map_err(|e| Error::format(file, e.to_string()))?;
+            notes.extend(closed.notes().iter().map(said));
+            regions.labels.push(surfaces.len() as i64 + 1);
+            let stem = file.file_stem().unwrap_or_default();
+            regions
+                .names
+                .push(Some(stem.to_string_lossy().into_owned()));
+            // What lies in a later surface is that one's.
+            let alone = self.input.len() == 1;
+            regions.volumes.push(alone.then(|| closed.volume()));
+            surfaces.push((surface, closed));
+        }
+        let closed = surfaces.into_iter().map(|(_, closed)| closed).collect();
+        let domain = SurfaceDomain::new(closed)?;
+        let mut made = self.fill(&domain, regions, self.unit, progress)?;
+        made.notes.extend(notes);
+        Ok(made)
+    }
+
+    /// The spacing in units of the input.
+    fn spacing(&self, unit: Option<f64>) -> Result<Spacing> {
+        Ok(match self.size.unwrap_or(Size::Tets(TETS)) {
+            Size::Edge(length) => Spacing::Edge(length.in_unit_of(unit)?),
+            Size::Tets(tets) => Spacing::Tets(tets),
+        })
+    }
+
+    fn fill(
+        &self,
+        domain: &dyn Domain,
+        regions: Regions,
+        unit: Option<f64>,
+        progress: Progress,
+    ) -> Result<Made> {
+        let defaults = MeshOptions::default();
+        let options = MeshOptions {
+            spacing: self.spacing(unit)?,
+            grading: self.grading.unwrap_or(defaults.grading),
+            min_island: self.min_island.unwrap_or(defaults.min_island),
+            ..defaults
+        };
+        let filling = fill(domain, &options, progress)?;
+        regions.name(filling, unit)
+    }
+}
+
+/// Refuses a volume of which nothing says what its regions are.
+fn check_label_map(file: &Path, volume: &Volume) -> Result<()> {
+    const MOST: usize = 64;
+    let labels = volume.labels();
+    if labels.as_ref().is_some_and(|l| l.len() <= MOST) || !volume.names.is_empty() {
+        return Ok(());
+    }
+    let (low, high) = volume.range().unwrap_or((0.0, 0.0));
+    Err(Error::Input(format!(
+        "{} holds values from {low} to {high}, not a few labels: say what a region is, by a threshold (--above {:.0}), a range (--between {:.0}..{:.0}) or labels (--labels all)",
+        file.display(),
+        low + 0.3 * (high - low),
+        low + 0.3 * (high - low),
+        low + 0.6 * (high - low),
+    )))
+}
+
+impl Regions {
+    fn of_windows(windows: &[Window]) -> Regions {
+        let name = |window: &Window| {
+            let range = match window.high.is_finite() {
+                true => format!("{} to {}", window.low, window.high),
+                false => format!("from {}", window.low),
+            };
+            Some(window.name.clone().unwrap_or(range))
+        };
+        Regions {
+            labels: (1..=windows.len() as i64).collect(),
+            names: windows.iter().map(name).collect(),
+            volumes: vec![None; windows.len()],
+        }
+    }
+
+    /// The filling as a mesh with these labels and names.
+    fn name(&self, filling: Filling, unit: Option<f64>) -> Result<Made> {
+        let label_of = |region: u16| self.labels[usize::from(region) - 1];
+        let values: Vec<f64> = filling
+            .regions
+            .iter()
+            .map(|r| label_of(*r) as f64)
+            .collect();
+        let small = self.labels.iter().all(|l| (0..256).contains(l));
+        let label = Field {
+            scalar_type: if small {
+                ScalarType::U8
+            } else {
+                ScalarType::I64
+            },
+            ..Field::scalar("label", Location::Cell, values)
+        };
+        let made = filling.report.regions.iter().map(|region| {
+            let n = usize::from(region.region) - 1;
+            MadeRegion {
+                label: self.labels[n],
+                name: self.names[n].clone(),
+                tets: region.tets,
+                volume: region.volume,
+                input_volume: self.volumes[n],
+            }
+        });
+        let regions: Vec<MadeRegion> = made.collect();
+        let mut mesh = TetMesh::new(filling.nodes, filling.tets, vec![label], Vec::new())?;
+        let named: BTreeMap<i64, String> = regions
+            .iter()
+            .filter_map(|r| Some((r.label, r.name.clone()?)))
+            .collect();
+        mesh.region_names = named;
+        mesh.length_unit = unit;
+        let lost = self
+            .labels
+            .iter()
+            .filter(|l| regions.iter().all(|r| r.label != **l));
+        let notes = lost.map(|label| {
+            format!("nothing is left of region {label} at this size of tets; ask for more of them")
+        });
+        Ok(Made {
+            mesh,
+            notes: notes.collect(),
+            report: RecipeReport {
+                regions,
+                mesher: Some(filling.report),
+                seconds: 0.0,
+            },
+        })
+    }
+}
