@@ -3,7 +3,9 @@
 //! The world frame is RAS in millimetres: x grows to the patient’s **R**ight, y to the
 //! **A**nterior, z to the **S**uperior. Readers bring everything there.
 
+mod cube_cases;
 mod describe;
+mod isosurface;
 mod sample;
 
 pub use describe::{LabelDescription, VolumeDescription};

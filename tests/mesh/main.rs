@@ -5,6 +5,7 @@ mod data;
 mod describe;
 mod distance;
 mod generators;
+mod isosurface;
 mod limb;
 mod quality;
 mod repairs;
