@@ -54,7 +54,8 @@ fn torus(p: DVec3) -> f64 {
 
 #[test]
 fn spheres_and_tori_have_their_measures_and_converge() {
-    let bodies: [(fn(DVec3) -> f64, f64, f64, i64); 2] = [
+    type Body = (fn(DVec3) -> f64, f64, f64, i64);
+    let bodies: [Body; 2] = [
         (sphere, 4.0 * PI * 9.0, 36.0 * PI, 2),
         (
             torus,

@@ -10,4 +10,5 @@ mod limb;
 mod quality;
 mod repairs;
 mod support;
+mod surfaces;
 mod topology;
