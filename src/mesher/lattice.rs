@@ -6,11 +6,11 @@
 //! there; between leaves of different size the smaller faces, each cut along the diagonal from
 //! the middle of the large face, are joined to both centres.
 
+use super::keys::KeyMap;
 use super::octree::{Lattice, Leaf, Octree, key, side};
 use crate::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
 /// The corners of the face of a leaf on the upper side of an axis, run around.
 const AROUND: [[u32; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
@@ -29,7 +29,7 @@ pub(super) struct LatticeMesh {
 
 impl LatticeMesh {
     pub(super) fn new(tree: &Octree) -> Result<LatticeMesh> {
-        let mut index: FxHashMap<u64, u32> = FxHashMap::default();
+        let mut index: KeyMap<u64, u32> = KeyMap::default();
         index.reserve(tree.leaves.len() * 5 / 2);
         let mut points: Vec<Lattice> = Vec::new();
         let mut known: Vec<Option<u16>> = Vec::new();
@@ -97,7 +97,7 @@ struct Between<'a> {
     tree: &'a Octree,
     points: &'a [Lattice],
     own: &'a [[u32; 9]],
-    index: &'a FxHashMap<u64, u32>,
+    index: &'a KeyMap<u64, u32>,
 }
 
 impl Between<'_> {

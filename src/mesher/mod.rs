@@ -19,6 +19,7 @@ mod domain;
 mod fans;
 mod islands;
 mod junction;
+mod keys;
 mod label_domain;
 mod lattice;
 mod length;
@@ -163,8 +164,10 @@ impl Laid {
 fn lay(domain: &dyn Domain, options: &MeshOptions, edge: f64, progress: Progress) -> Result<Laid> {
     let mut report = MeshReport::start(edge);
     let levels = options.grading.log2().floor() as u32;
-    progress("lattice", 0.0);
+    progress("octree", 0.0);
     let tree = Octree::new(domain, edge, levels, options.offset)?;
+    report.stage("octree");
+    progress("lattice", 0.1);
     let lattice = LatticeMesh::new(&tree)?;
     report.stage("lattice");
     progress("boundaries", 0.2);

@@ -2,10 +2,10 @@
 //! leaves away from them.
 
 use super::Domain;
+use super::keys::KeyMap;
 use crate::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Bits of a lattice coordinate; three of them fit 64.
@@ -35,7 +35,7 @@ pub(super) struct Leaf {
 pub(super) struct Octree {
     pub leaves: Vec<Leaf>,
     /// For each level, the place of a leaf in `leaves` by the key of its corner.
-    index: Vec<FxHashMap<u64, u32>>,
+    index: Vec<KeyMap<u64, u32>>,
     origin: DVec3,
     half: f64,
 }
@@ -83,7 +83,7 @@ impl Octree {
             .map(|n| n.floor() as usize + 1);
         let mut tree = Octree {
             leaves: Vec::new(),
-            index: vec![FxHashMap::default(); levels as usize + 1],
+            index: vec![KeyMap::default(); levels as usize + 1],
             origin,
             half: 0.5 * edge,
         };
@@ -169,8 +169,7 @@ impl Octree {
         if levels < 2 {
             return;
         }
-        let mut large: Vec<FxHashMap<u64, Option<u16>>> =
-            vec![FxHashMap::default(); levels as usize + 1];
+        let mut large: Vec<KeyMap<u64, Option<u16>>> = vec![KeyMap::default(); levels as usize + 1];
         for leaf in self.leaves.iter().filter(|l| l.level > 1) {
             large[leaf.level as usize].insert(key(leaf.corner), leaf.region);
         }

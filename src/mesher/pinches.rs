@@ -56,8 +56,12 @@ pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchR
         .filter(|v| !cost(*v, &stars, pieces).is_multiple_of(OUTER))
         .count();
     drop(stars);
+    let mut suspects = vec![false; nodes.len()];
+    for (tet, _) in pieces.iter().filter(|p| p.1 == 0) {
+        tet.iter().for_each(|v| suspects[*v as usize] = true);
+    }
     pieces.retain(|p| p.1 != 0);
-    part(nodes, pieces, &mut report);
+    part(nodes, pieces, suspects, &mut report);
     report
 }
 
@@ -146,8 +150,14 @@ fn best_change(
     best.map(|b| b.1)
 }
 
-/// Parts the body where its boundary is still pinched. All pieces must be inside.
-fn part(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>, report: &mut PinchReport) {
+/// Parts the body where its boundary is still pinched, at one of the nodes `suspects`. All pieces
+/// must be inside.
+fn part(
+    nodes: &mut Vec<DVec3>,
+    pieces: &mut Vec<Piece>,
+    mut suspects: Vec<bool>,
+    report: &mut PinchReport,
+) {
     loop {
         let stars = Stars::new(nodes.len(), pieces);
         let pinched: Vec<u32> = (0..nodes.len() as u32)
@@ -155,6 +165,9 @@ fn part(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>, report: &mut PinchRepor
             .with_min_len(1024)
             .filter(|v| {
                 let star = stars.of(*v);
+                if !suspects.get(*v as usize).copied().unwrap_or(true) {
+                    return false;
+                }
                 let mut fans = Fans::new(*v, star, pieces);
                 !fans.has_simple_rim() || fans.split(|r| r != 0).1 > 1
             })
@@ -168,7 +181,11 @@ fn part(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>, report: &mut PinchRepor
             let star = stars.of(v);
             let (fan, count) = Fans::new(v, star, pieces).split(|r| r != 0);
             if count < 2 {
-                star.iter().for_each(|t| gone[*t as usize] = true);
+                for t in star {
+                    gone[*t as usize] = true;
+                    let corners = pieces[*t as usize].0;
+                    corners.iter().for_each(|v| suspects[*v as usize] = true);
+                }
                 report.relabelled += star.len();
                 continue;
             }
@@ -179,6 +196,7 @@ fn part(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>, report: &mut PinchRepor
             for one in each.into_iter().skip(1) {
                 let double = nodes.len() as u32;
                 nodes.push(nodes[v as usize]);
+                suspects.push(true);
                 report.doubled += 1;
                 let tets = star.iter().zip(&fan).filter(|t| *t.1 == one);
                 changes.extend(tets.map(|(t, _)| (*t, v, double)));

@@ -71,3 +71,51 @@ fn the_edge_for_a_number_of_tets_is_found() {
     };
     assert!(fill(&shell, &tiny, &quiet).is_err());
 }
+#[test]
+fn scratch() {
+    use palpate::mesher::*;
+    let dir = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/volumes/");
+    let t = std::time::Instant::now();
+    let v = palpate::io::read_volume(format!("{dir}knee_labels_dess_384x384x160.nrrd")).unwrap();
+    println!("read {:?}", t.elapsed());
+    let d = LabelDomain::new(&v, None).unwrap();
+    println!("domain {:?}", t.elapsed());
+    for s in [Spacing::Tets(150_000), Spacing::Edge(0.906)] {
+        let f = filled(
+            &d,
+            &MeshOptions {
+                spacing: s,
+                ..Default::default()
+            },
+        );
+        println!("mesh {:?} {:?}", t.elapsed(), f.report);
+        let off: Vec<String> = f
+            .report
+            .regions
+            .iter()
+            .map(|r| {
+                format!(
+                    "{:.2}%",
+                    100.0 * (r.volume / d.voxel_volumes()[r.region as usize - 1] - 1.0)
+                )
+            })
+            .collect();
+        println!("{off:?}");
+        println!("{:?}", faults(&f));
+    }
+    let v = palpate::io::read_volume(format!("{dir}headsq_ct_64x64x93.mhd")).unwrap();
+    println!("{:?}", v.range());
+    let t = std::time::Instant::now();
+    let d =
+        ThresholdDomain::new(&v, &["500..1150".parse().unwrap(), "1150".parse().unwrap()]).unwrap();
+    println!("domain {:?}", t.elapsed());
+    let f = filled(
+        &d,
+        &MeshOptions {
+            spacing: Spacing::Tets(150_000),
+            ..Default::default()
+        },
+    );
+    println!("mesh {:?} {:?}", t.elapsed(), f.report);
+    println!("{:?}", faults(&f));
+}

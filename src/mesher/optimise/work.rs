@@ -4,10 +4,10 @@ use super::shape::shape;
 use crate::mesher::Domain;
 use crate::mesher::domain::Sampler;
 use crate::mesher::fans::Fans;
+use crate::mesher::keys::{KeyMap, KeySet};
 use crate::mesher::stars::Stars;
 use crate::mesher::stencil::Piece;
 use glam::DVec3;
-use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A mesh with the tets at each node, kept up as it changes.
 pub(super) struct Work<'a> {
@@ -19,8 +19,8 @@ pub(super) struct Work<'a> {
     pub edge: f64,
     stars: Stars,
     /// The tets at nodes where they have changed.
-    changed: FxHashMap<u32, Vec<u32>>,
-    fixed: FxHashSet<u32>,
+    changed: KeyMap<u32, Vec<u32>>,
+    fixed: KeySet<u32>,
 }
 
 impl<'a> Work<'a> {
@@ -31,9 +31,9 @@ impl<'a> Work<'a> {
         nodes: Vec<DVec3>,
         pieces: Vec<Piece>,
     ) -> Work<'a> {
-        let places: FxHashSet<[u64; 3]> = nodes[doubled..].iter().map(bits).collect();
+        let places: KeySet<[u64; 3]> = nodes[doubled..].iter().map(bits).collect();
         let fixed = match places.is_empty() {
-            true => FxHashSet::default(),
+            true => KeySet::default(),
             false => (0..nodes.len() as u32)
                 .filter(|v| places.contains(&bits(&nodes[*v as usize])))
                 .collect(),
@@ -44,7 +44,7 @@ impl<'a> Work<'a> {
             pieces,
             sampler: Sampler::new(domain),
             edge,
-            changed: FxHashMap::default(),
+            changed: KeyMap::default(),
             fixed,
         }
     }
