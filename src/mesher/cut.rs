@@ -128,7 +128,13 @@ impl CutLattice {
 fn crossing(sampler: &mut Sampler, [from, to]: [DVec3; 2], [a, b]: [u16; 2]) -> f64 {
     let (mut low, mut f_low) = (0.0, sampler.excess(from, a, b));
     let (mut high, mut f_high) = (1.0, sampler.excess(to, a, b));
-    let least = 1e-9 * (f_low - f_high);
+    match (f_low > 0.0, f_high < 0.0) {
+        (true, true) => {}
+        (true, false) => return 1.0,
+        (false, true) => return 0.0,
+        (false, false) => return 0.5,
+    }
+    let least = 1e-12 * (f_low - f_high);
     let (mut t, mut moved_last) = (0.5, None);
     // False position after Illinois; ten rounds reach rounding on anything smooth.
     for _ in 0..12 {
@@ -137,7 +143,7 @@ fn crossing(sampler: &mut Sampler, [from, to]: [DVec3; 2], [a, b]: [u16; 2]) -> 
             t = 0.5 * (low + high);
         }
         let f = sampler.excess(from.lerp(to, t), a, b);
-        if f.abs() <= least || high - low < 1e-6 {
+        if f.abs() <= least || high - low < 1e-9 {
             break;
         }
         // An end that stays twice in a row counts half, or it would stay for good.
@@ -150,5 +156,5 @@ fn crossing(sampler: &mut Sampler, [from, to]: [DVec3; 2], [a, b]: [u16; 2]) -> 
         }
         moved_last = Some(f > 0.0);
     }
-    t.clamp(1e-3, 1.0 - 1e-3)
+    t
 }

@@ -14,8 +14,8 @@ const BITS: u32 = 21;
 /// The largest leaves by which empty space is searched: 2⁵ of the smallest.
 const SEARCH_LEVEL: u32 = 5;
 
-/// More leaves than this have more tets than 32 bits count.
-const MAX_LEAVES: usize = (u32::MAX / 64) as usize;
+/// A lattice of more leaves than this, with some twelve tets each, is refused.
+const MAX_LEAVES: usize = 1 << 25;
 
 /// A point of the lattice, in half edges of the smallest leaf.
 pub(super) type Lattice = [u32; 3];
@@ -108,7 +108,8 @@ impl Octree {
             .collect();
         if made.into_inner() > MAX_LEAVES {
             return Err(Error::Input(format!(
-                "an edge of {edge} makes more tets than 32-bit indices allow; give a larger one"
+                "an edge of {edge} makes more than {} million tets; give a larger one",
+                12 * (MAX_LEAVES >> 20)
             )));
         }
         for leaf in leaves.into_iter().flatten() {

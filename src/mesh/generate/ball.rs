@@ -1,10 +1,13 @@
 //! A ball.
 
 use super::grid::{check_size, from_parts};
-use super::stuffing::stuff;
+use super::solid::fill_solid;
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::DVec3;
+
+/// More cells than this have more tets than can be held.
+const MAX_CELLS: usize = 350;
 
 /// A ball of `radius` about the origin, of well-shaped tets, about `cells` lattice cells across:
 /// 10 gives some 6,000 tets, and the number grows with the cube.
@@ -13,17 +16,14 @@ use glam::DVec3;
 /// A radius that is not positive and finite, or fewer than 2 cells, or too many to index.
 pub fn ball(radius: f64, cells: usize) -> Result<TetMesh> {
     check_size("a ball", DVec3::splat(radius))?;
-    if !(2..100_000).contains(&cells) {
+    if !(2..=MAX_CELLS).contains(&cells) {
         return Err(Error::Input(format!(
-            "a ball cannot be {cells} cells across; give a number from 2 up"
+            "a ball cannot be {cells} cells across; give a number from 2 to {MAX_CELLS}"
         )));
     }
-    // A cell to spare on each side.
-    let centre = 0.5 * cells as f64 + 1.0;
     let across = 0.5 * cells as f64;
-    let filled = stuff([cells + 2; 3], |p| {
-        across - p.distance(DVec3::splat(centre))
-    })?;
+    let centre = DVec3::splat(across);
+    let filled = fill_solid(2.0 * centre, 0.0, |p| across - p.distance(centre))?;
     let place = |p: &DVec3| (*p - centre) * (radius / across);
     from_parts(filled.nodes.iter().map(place).collect(), filled.tets)
 }

@@ -10,7 +10,7 @@ mod duct;
 mod grid;
 mod limb;
 mod named;
-mod stuffing;
+mod solid;
 
 pub use ball::ball;
 pub use bar::{PAPER_BAR_CELLS, PAPER_BAR_SIZE, bar, bar_of_about, paper_bar};

@@ -1,13 +1,14 @@
 //! A limb phantom: a forearm and hand with skin, fat, muscles, tendons, bones and joints.
 //!
-//! Every tissue is a solid given by a distance function (`anatomy`); the mesh is stuffed into
+//! Every tissue is a solid given by a distance function (`anatomy`); the mesh fills
 //! the outermost, and the tissues inside give each node an intensity and each tet a label.
 
 mod anatomy;
 mod solids;
 
-use super::stuffing::{Filled, stuff};
+use super::solid::fill_solid;
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::mesher::Filling;
 use crate::{Error, Result};
 use anatomy::{Anatomy, Distances};
 use glam::DVec3;
@@ -60,6 +61,10 @@ const HAND_SCALE: f64 = 0.7;
 /// …and change from one to the other between these x.
 const GRADED: [f64; 2] = [0.06, 0.19];
 
+/// Pieces of less volume than this, in cubic metres of lattice coordinates, are left out: all but
+/// the one with the forearm.
+const MAIN_PIECE: f64 = 2e-4;
+
 /// Lattice steps, in metres, of the two coarse meshes from which the step is estimated.
 const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 
@@ -84,7 +89,7 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
     }
     let anatomy = Anatomy::new();
     let step = lattice_step(&anatomy, tets)?;
-    let Filled { nodes, tets } = fill(&anatomy, step)?;
+    let Filling { nodes, tets, .. } = fill(&anatomy, step)?;
     let intensity = nodes
         .par_iter()
         .map(|p| intensity(&anatomy.distances(*p), step * scale(p.x)))
@@ -118,15 +123,13 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
 }
 
 /// The mesh of the whole phantom on a lattice of the given step.
-fn fill(anatomy: &Anatomy, step: f64) -> Result<Filled> {
-    // One lattice plane lies in the cut at x = 0, with a cell to spare beyond all sides.
-    let low = DVec3::new(0.0, LOW.y / HAND_SCALE, LOW.z / HAND_SCALE) - step;
+fn fill(anatomy: &Anatomy, step: f64) -> Result<Filling> {
+    // One lattice plane lies in the cut at x = 0.
+    let low = DVec3::new(0.0, LOW.y / HAND_SCALE, LOW.z / HAND_SCALE);
     let high = DVec3::new(to_lattice(HIGH.x), HIGH.y / HAND_SCALE, HIGH.z / HAND_SCALE);
-    let cells = ((high - low) / step)
-        .to_array()
-        .map(|n| n.ceil() as usize + 1);
     let place = |p: DVec3| from_lattice(low + p * step);
-    let mut filled = stuff(cells, |p| -anatomy.outside(place(p)))?;
+    let least = MAIN_PIECE / step.powi(3);
+    let mut filled = fill_solid((high - low) / step, least, |p| -anatomy.outside(place(p)))?;
     filled.nodes.iter_mut().for_each(|p| *p = place(*p));
     Ok(filled)
 }
