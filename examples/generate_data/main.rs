@@ -1,9 +1,13 @@
-//! Makes the small meshes under `data/` (or in a folder given as the argument) anew.
+//! Makes the small meshes, volumes and surfaces under `data/` (or in a folder given as the
+//! argument) anew.
+
+mod phantoms;
 
 use palpate::Result;
 use palpate::io;
 use palpate::mesh::generate::{Bore, ball, duct, limb, paper_bar};
-use palpate::mesh::{TetMesh, Topology, depth_field};
+use palpate::mesh::{TetMesh, Topology, TriMesh, depth_field};
+use palpate::volume::Volume;
 use std::path::PathBuf;
 
 /// The mesh with a field to colour it by.
@@ -24,6 +28,20 @@ pub fn meshes() -> Result<Vec<(&'static str, TetMesh)>> {
     ])
 }
 
+/// File names and volumes.
+pub fn volumes() -> Vec<(&'static str, Volume)> {
+    vec![
+        ("knee.nrrd", phantoms::knee()),
+        ("head_ct.mha", phantoms::head_ct()),
+        ("head_mri.nii.gz", phantoms::head_mri()),
+    ]
+}
+
+/// File names and surfaces.
+pub fn surfaces() -> Vec<(&'static str, TriMesh)> {
+    vec![("lobe.stl", phantoms::lobe())]
+}
+
 fn main() -> Result<()> {
     let here = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
     let folder = PathBuf::from(std::env::args().nth(1).unwrap_or(here.into()));
@@ -33,6 +51,16 @@ fn main() -> Result<()> {
         io::write(&path, &mesh)?;
         let (nodes, tets) = (mesh.nodes.len(), mesh.tets.len());
         println!("{}: {nodes} nodes, {tets} tets", path.display());
+    }
+    for (name, volume) in volumes() {
+        let path = folder.join(name);
+        io::write_volume(&path, &volume)?;
+        println!("{}: {:?} voxels", path.display(), volume.size);
+    }
+    for (name, surface) in surfaces() {
+        let path = folder.join(name);
+        io::write_surface(&path, &surface)?;
+        println!("{}: {} triangles", path.display(), surface.triangles.len());
     }
     Ok(())
 }

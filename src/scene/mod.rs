@@ -45,9 +45,11 @@ pub use region::{Axis, LabelOrName, Region};
 pub use source::Seen;
 pub use stage::Stage;
 
+use crate::mesher::{Length, Window};
 use crate::{Error, Result};
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// Everything needed to make a picture or a series; see the [module](self) for the file.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -75,7 +77,17 @@ pub struct Scene {
     pub picture: PictureEntry,
 }
 
-/// Where the mesh comes from: a file, or a generator.
+/// Where the mesh comes from: a file, or a generator. A volume or a closed surface is meshed
+/// first, as `palpate mesh` does:
+///
+/// ```toml
+/// [mesh]
+/// file = "knee.nrrd"
+/// labels = "all"                         # or [1, 2, 5]; or thresholds:
+/// # above = ["skin=500", "bone=1150"]
+/// # between = ["150..400"]
+/// tets = 60000                           # or edge = "2mm"
+/// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSource {
@@ -83,11 +95,79 @@ pub struct MeshSource {
     pub file: Option<PathBuf>,
     /// A generator's name, instead of a file; see [`crate::mesh::generate::GENERATORS`].
     pub generate: Option<String>,
-    /// About how many tets the generator makes.
+    /// About how many tets the generator or the mesher makes.
     pub tets: Option<usize>,
+    /// Edge length at boundaries, instead of `tets`: `"2mm"`, or a number in the file's unit.
+    #[serde(default, deserialize_with = "said")]
+    pub edge: Option<Length>,
+    /// Which labels of a volume are regions: `"all"`, or a list.
+    pub labels: Option<LabelsEntry>,
+    /// Thresholds from which on a volume's values are a region, each up to the next: numbers, or
+    /// `"NAME=VALUE"`.
+    #[serde(default, deserialize_with = "all_said")]
+    pub above: Vec<Window>,
+    /// Ranges of a volume's values that are a region: `"LOW..HIGH"`, `"NAME=LOW..HIGH"`.
+    #[serde(default, deserialize_with = "all_said")]
+    pub between: Vec<Window>,
+    /// Times by which edges may be longer away from boundaries.
+    pub grading: Option<f64>,
+    /// Pieces of regions of less volume are given to what surrounds them.
+    pub min_island: Option<f64>,
     /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
     /// file says by default, or else `m`.
     pub unit: Option<Unit>,
+}
+
+/// Labels of a volume.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(untagged, expecting = "labels are \"all\" or a list of whole numbers")]
+#[allow(missing_docs)]
+pub enum LabelsEntry {
+    These(Vec<i64>),
+    All(All),
+}
+
+/// The word `all`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs)]
+pub enum All {
+    All,
+}
+
+/// A number, or text.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "a number or text is expected")]
+enum Said {
+    Number(f64),
+    Text(String),
+}
+
+impl Said {
+    fn parse<T: FromStr<Err = Error>, E: serde::de::Error>(&self) -> std::result::Result<T, E> {
+        let text = match self {
+            Said::Number(number) => number.to_string(),
+            Said::Text(text) => text.clone(),
+        };
+        text.parse().map_err(E::custom)
+    }
+}
+
+fn said<'de, T, D>(from: D) -> std::result::Result<Option<T>, D::Error>
+where
+    T: FromStr<Err = Error>,
+    D: Deserializer<'de>,
+{
+    Said::deserialize(from)?.parse().map(Some)
+}
+
+fn all_said<'de, T, D>(from: D) -> std::result::Result<Vec<T>, D::Error>
+where
+    T: FromStr<Err = Error>,
+    D: Deserializer<'de>,
+{
+    let all = Vec::<Said>::deserialize(from)?;
+    all.iter().map(Said::parse).collect()
 }
 
 /// A length unit by name or in metres.

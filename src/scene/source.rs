@@ -1,8 +1,11 @@
 //! From a scene's `[mesh]` and `field` to a mesh and the scalar that is seen.
 
-use super::{MeshSource, Scene};
+use super::{LabelsEntry, MeshSource, Scene};
+use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, TetMesh, Topology, depth_field, generate};
-use crate::{Error, Result, io};
+use crate::mesher::{Labels, Recipe, Size};
+use crate::{Error, Result};
+use std::path::Path;
 
 /// Names that readers give to reference numbers: labels, not quantities.
 const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
@@ -17,7 +20,8 @@ impl MeshSource {
     /// generator is not known; otherwise what reading gives.
     pub fn load(&self) -> Result<TetMesh> {
         match (&self.file, &self.generate) {
-            (Some(file), None) => io::read(file),
+            (Some(file), None) if io::kind(file)? == Kind::Mesh => io::read(file),
+            (Some(file), None) => self.made_of(file),
             (None, Some(name)) => match self.tets {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
                     "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
@@ -28,6 +32,38 @@ impl MeshSource {
                 "[mesh] needs either file = \"…\" or generate = \"…\"".into(),
             )),
         }
+    }
+}
+
+impl MeshSource {
+    /// The mesh of a volume or a closed surface.
+    fn made_of(&self, file: &Path) -> Result<TetMesh> {
+        let recipe = Recipe {
+            input: vec![file.to_path_buf()],
+            labels: self.labels.as_ref().map(|labels| match labels {
+                LabelsEntry::All(_) => Labels::All,
+                LabelsEntry::These(labels) => Labels::These(labels.clone()),
+            }),
+            above: self.above.clone(),
+            between: self.between.clone(),
+            size: match (self.edge, self.tets) {
+                (Some(_), Some(_)) => {
+                    return Err(Error::Input(
+                        "[mesh] has both `edge` and `tets`; give one of them".into(),
+                    ));
+                }
+                (Some(edge), None) => Some(Size::Edge(edge)),
+                (None, tets) => tets.map(Size::Tets),
+            },
+            grading: self.grading,
+            min_island: self.min_island,
+            unit: self.unit.as_ref().map(|u| u.metres()).transpose()?,
+            ..Recipe::default()
+        };
+        let made = recipe.mesh(&|_, _| {})?;
+        let mut mesh = made.mesh;
+        mesh.repairs.warnings.extend(made.notes);
+        Ok(mesh)
     }
 }
 

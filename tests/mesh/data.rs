@@ -32,3 +32,24 @@ fn the_meshes_that_ship_are_up_to_date() {
         }
     }
 }
+
+#[test]
+fn the_volumes_and_surfaces_that_ship_are_up_to_date() {
+    let kept = |name: &str| format!("{}/data/{name}", env!("CARGO_MANIFEST_DIR"));
+    for (name, made) in generate_data::volumes() {
+        let kept = palpate::io::read_volume(kept(name)).unwrap();
+        assert_eq!(kept.size, made.size, "{name}: run the example generate_data");
+        assert_eq!(kept.names, made.names, "{name}");
+        let here = kept.to_world.transform_point3(glam::DVec3::new(5.0, 6.0, 7.0));
+        assert!(here.distance(made.centre(5, 6, 7)) < 1e-4, "{name}");
+        // A voxel in the boundary may be rounded otherwise on another platform.
+        let other = |n: &usize| (kept.value(*n) - made.value(*n)).abs() > 3.0;
+        let others = (0..kept.voxels()).filter(other).count();
+        assert!(others * 10_000 < kept.voxels(), "{name}: {others}");
+    }
+    for (name, made) in generate_data::surfaces() {
+        let kept = palpate::io::read_surface(kept(name)).unwrap();
+        assert_eq!(kept.triangles.len(), made.triangles.len(), "{name}");
+        assert!((kept.volume() / made.volume() - 1.0).abs() < 1e-5, "{name}");
+    }
+}
