@@ -20,6 +20,9 @@ pub(super) struct RawMesh {
     /// One tuple a node, or one a cell (of any kind).
     pub fields: Vec<Field>,
     pub warnings: Vec<String>,
+    /// See [`TetMesh`].
+    pub region_names: BTreeMap<i64, String>,
+    pub length_unit: Option<f64>,
 }
 
 /// Cells of mixed kinds.
@@ -125,6 +128,8 @@ impl RawMesh {
             cells,
             fields,
             mut warnings,
+            region_names,
+            length_unit,
         } = self;
         let mut tets = Vec::with_capacity(cells.len());
         let mut source = Vec::with_capacity(cells.len());
@@ -167,10 +172,13 @@ impl RawMesh {
         }
         found.warn(&mut warnings);
         let fields = fields_of_tets(fields, nodes.len(), cells.len(), &source, &mut warnings);
-        TetMesh::new(nodes, tets, fields, warnings).map_err(|e| match e {
+        let mut mesh = TetMesh::new(nodes, tets, fields, warnings).map_err(|e| match e {
             crate::Error::Mesh(what) => what,
             other => other.to_string(),
-        })
+        })?;
+        mesh.region_names = region_names;
+        mesh.length_unit = length_unit;
+        Ok(mesh)
     }
 }
 

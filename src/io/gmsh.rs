@@ -2,7 +2,8 @@
 //!
 //! The `mshio` crate (0.4.2) reads version 4.1 only, so this reader is our own. Physical and
 //! elementary groups become the cell fields `gmsh:physical` and `gmsh:geometrical` where they
-//! are not 0 throughout; where a cell is in several physical groups the first counts.
+//! are not 0 throughout; where a cell is in several physical groups the first counts. Where
+//! physical volumes have names, their tags are the cell field `label` too.
 
 use super::cells::RawMesh;
 use super::cursor::Parse;
@@ -24,6 +25,10 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
         match name {
             "MeshFormat" => file.version = at.mesh_format()?,
             "Entities" => file.entities(&mut at)?,
+            "PhysicalNames" => {
+                file.physical_names(at.skip_section(name)?);
+                continue;
+            }
             "Nodes" if file.version >= 4 => file.nodes_4(&mut at)?,
             "Nodes" => file.nodes_2(&mut at, false)?,
             "ParametricNodes" => file.nodes_2(&mut at, true)?,
@@ -69,6 +74,19 @@ struct File {
 }
 
 impl File {
+    /// Keeps the names of physical volumes: lines of dimension, tag and quoted name.
+    fn physical_names(&mut self, section: &[u8]) {
+        for line in String::from_utf8_lossy(section).lines() {
+            let mut words = line.splitn(3, char::is_whitespace);
+            if let (Some("3"), Some(Ok(tag)), Some(name)) =
+                (words.next(), words.next().map(str::parse), words.next())
+            {
+                let name = name.trim().trim_matches('"').to_owned();
+                self.mesh.region_names.insert(tag, name);
+            }
+        }
+    }
+
     fn entities(&mut self, at: &mut Source) -> Parse<()> {
         let mut counts = [0; 4];
         for count in &mut counts {
@@ -299,9 +317,13 @@ impl File {
         if !self.has_elements {
             return Err("the file ends, and there is no $Elements section in it".into());
         }
+        // Where volumes have names, their physical tags are the labels of regions.
+        let named = !self.mesh.region_names.is_empty();
+        let labels = named.then(|| self.physical.clone()).unwrap_or_default();
         for (name, values) in [
             ("gmsh:physical", self.physical),
             ("gmsh:geometrical", self.geometrical),
+            ("label", labels),
         ] {
             if values.iter().any(|v| *v != 0.0) {
                 self.mesh.fields.push(Field {

@@ -57,21 +57,18 @@ impl<'a> Source<'a> {
         Err(self.error(format_args!("expected $End{name}, found {shown:?}")))
     }
 
-    /// Goes behind `$End<name>`.
-    pub fn skip_section(&mut self, name: &str) -> Parse<()> {
+    /// Goes behind `$End<name>`; returns what lies before it.
+    pub fn skip_section(&mut self, name: &str) -> Parse<&'a [u8]> {
         let end = format!("$End{name}");
-        let found = self
-            .at
-            .rest()
-            .windows(end.len())
-            .position(|w| w == end.as_bytes());
+        let rest = self.at.rest();
+        let found = rest.windows(end.len()).position(|w| w == end.as_bytes());
         let Some(position) = found else {
             return Err(self.error(format_args!(
                 "the file ends within ${name}: there is no {end}"
             )));
         };
         self.at.go_to(self.at.position() + position + end.len());
-        Ok(())
+        Ok(&rest[..position])
     }
 
     /// Reads the content of $MeshFormat; the major version.

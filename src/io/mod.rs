@@ -24,6 +24,7 @@ mod vtk_legacy;
 mod vtk_legacy_data;
 mod vtu;
 mod vtu_data;
+mod vtu_regions;
 mod vtu_write;
 
 pub use atomic::atomic_write;

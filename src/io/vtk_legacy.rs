@@ -20,8 +20,8 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
         let keyword = String::from_utf8_lossy(token).to_ascii_uppercase();
         match keyword.as_str() {
             "POINTS" => file.points()?,
-            "CELLS" => file.cells()?,
-            "CELL_TYPES" => file.cell_types()?,
+            "CELLS" if !file.polygonal => file.cells()?,
+            "CELL_TYPES" if !file.polygonal => file.cell_types()?,
             "VERTICES" | "LINES" | "POLYGONS" | "TRIANGLE_STRIPS" if file.polygonal => {
                 file.polygons(&keyword)?;
             }

@@ -9,6 +9,7 @@ use super::cells::{RawMesh, index};
 use super::cursor::Parse;
 use super::scalar;
 use super::vtu_data::{Layout, Source, numbers};
+use super::vtu_regions::Global;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 use quick_xml::Reader;
@@ -18,6 +19,7 @@ use quick_xml::events::{BytesStart, Event};
 pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
     let outline = Outline::read(bytes)?;
     let mut mesh = RawMesh::default();
+    outline.global.add_to(&mut mesh);
     for (number, piece) in outline.pieces.iter().enumerate() {
         outline
             .add_piece(piece, number > 0, &mut mesh)
@@ -34,6 +36,8 @@ struct Outline<'a> {
     file: &'a [u8],
     layout: Layout,
     pieces: Vec<Piece>,
+    /// What is told of the mesh as a whole.
+    global: Global,
     appended: Option<Source<'a>>,
 }
 
@@ -68,6 +72,7 @@ impl<'a> Outline<'a> {
                 zlib: false,
             },
             pieces: Vec::new(),
+            global: Global::default(),
             appended: None,
         };
         let mut open: Vec<String> = Vec::new();
@@ -92,7 +97,9 @@ impl<'a> Outline<'a> {
                 Event::End(_) => {
                     open.pop();
                 }
-                // Arrays elsewhere (in FieldData) belong to the file as a whole.
+                Event::Text(text) if open.iter().rev().nth(1).is_some_and(|t| t == "FieldData") => {
+                    outline.global.text(&text);
+                }
                 Event::Text(text)
                     if open.last().is_some_and(|t| t == "DataArray")
                         && open.iter().rev().nth(2).is_some_and(|t| t == "Piece") =>
@@ -134,6 +141,11 @@ impl<'a> Outline<'a> {
                 cells: count(tag, "NumberOfCells")?,
                 arrays: Vec::new(),
             }),
+            ("DataArray" | "Array", "FieldData") => {
+                let format = attribute(tag, "format").unwrap_or_default();
+                let name = attribute(tag, "Name").filter(|_| format == "ascii");
+                self.global.array(name.unwrap_or_default());
+            }
             ("DataArray" | "Array", "Points" | "Cells" | "PointData" | "CellData") => {
                 let array = Array {
                     section: parent.to_string(),

@@ -1,7 +1,7 @@
 //! Writer for VTK's XML unstructured grids: appended raw data in zlib-compressed blocks,
 //! little-endian, UInt64 headers; what VTK and ParaView write by default.
 
-use super::scalar;
+use super::{scalar, vtu_regions};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::{Error, Result};
 use flate2::Compression;
@@ -40,7 +40,8 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field
         .collect();
     let mut appended = Vec::new();
     let mut head = format!(
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n{}<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
+        vtu_regions::tags(mesh),
         nodes.len(),
         mesh.tets.len()
     );

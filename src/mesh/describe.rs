@@ -4,6 +4,7 @@ use super::{
     BoundaryShape, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
 };
 use rayon::slice::ParallelSliceMut;
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// Everything `palpate info` tells of a mesh; its JSON keys are the names of these members.
@@ -50,6 +51,10 @@ pub struct Description {
     pub quality: QualityReport,
     /// Every field.
     pub fields: Vec<FieldDescription>,
+    /// The regions: values of the cell field `label`.
+    pub regions: Vec<RegionDescription>,
+    /// Metres in one unit of the mesh, where that is known.
+    pub length_unit: Option<f64>,
     /// What was repaired and what is odd, in words.
     pub warnings: Vec<String>,
 }
@@ -83,6 +88,45 @@ impl FieldDescription {
     }
 }
 
+/// What `palpate info` tells of a region.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct RegionDescription {
+    /// Its value in the cell field `label`.
+    pub label: i64,
+    /// Its name, where it is known.
+    pub name: Option<String>,
+    /// Number of its tets.
+    pub tets: usize,
+    /// Their volume.
+    pub volume: f64,
+}
+
+/// The regions by the cell field `label`; none where that is no field of whole numbers.
+fn regions(mesh: &TetMesh) -> Vec<RegionDescription> {
+    let Some(field) = mesh.field("label", Location::Cell) else {
+        return Vec::new();
+    };
+    let whole = |v: &f64| v.fract() == 0.0 && v.abs() < 1e15;
+    if field.components != 1 || !field.values.iter().all(whole) {
+        return Vec::new();
+    }
+    let mut regions: BTreeMap<i64, (usize, f64)> = BTreeMap::new();
+    for (t, label) in field.values.iter().enumerate() {
+        let (tets, volume) = regions.entry(*label as i64).or_default();
+        *tets += 1;
+        *volume += mesh.tet_volume(t);
+    }
+    regions
+        .into_iter()
+        .map(|(label, (tets, volume))| RegionDescription {
+            label,
+            name: mesh.region_names.get(&label).cloned(),
+            tets,
+            volume,
+        })
+        .collect()
+}
+
 impl Description {
     /// Looks at everything in `mesh`. Time O(n log n), in parallel.
     pub fn new(mesh: &TetMesh) -> Description {
@@ -111,6 +155,8 @@ impl Description {
             crowded_faces: repairs.crowded_faces,
             quality: QualityReport::new(mesh),
             fields: mesh.fields.iter().map(FieldDescription::new).collect(),
+            regions: regions(mesh),
+            length_unit: mesh.length_unit,
             warnings: repairs.warnings.clone(),
         };
         description.warn(mesh);
@@ -197,6 +243,22 @@ impl fmt::Display for Description {
             )?;
         }
         self.quality.fmt(f)?;
+        if let Some(unit) = self.length_unit {
+            writeln!(f, "unit             {unit} m")?;
+        }
+        if !self.regions.is_empty() {
+            writeln!(f, "regions")?;
+        }
+        for region in &self.regions {
+            writeln!(
+                f,
+                "  {:<5} {:>9} tets, volume {:<12.6} {}",
+                region.label,
+                region.tets,
+                region.volume,
+                region.name.as_deref().unwrap_or("")
+            )?;
+        }
         if !self.fields.is_empty() {
             writeln!(f, "fields")?;
         }

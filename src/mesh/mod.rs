@@ -19,7 +19,7 @@ mod tri_mesh;
 
 pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
-pub use describe::{Description, FieldDescription};
+pub use describe::{Description, FieldDescription, RegionDescription};
 pub(crate) use distance::Tree;
 pub use distance::{DEPTH, depth_field, point_triangle_distance};
 pub use field::{Field, Location, ScalarType};

@@ -45,8 +45,8 @@ impl Volume {
     /// The values at the nodes of `mesh`, in the world, as a node field called `name`.
     ///
     /// A node stands for its cell: a cube whose side is the mean length of its edges. Where that
-    /// is smaller than two voxels the value is trilinear at the node, else it is the mean over
-    /// the cube, so that a coarse mesh shows what is around its nodes, not single voxels.
+    /// is no larger than a voxel the value is trilinear at the node, else it is the mean over the
+    /// cube, so that a coarse mesh shows what is around its nodes, not single voxels.
     pub fn onto_nodes(&self, mesh: &TetMesh, name: &str) -> Field {
         let to_index = self.to_world.inverse();
         let spacing = self.spacing();
@@ -90,10 +90,7 @@ impl Volume {
 
 /// Samples along an axis on which a node's cell measures `voxels`.
 fn samples_along(voxels: f64) -> usize {
-    match voxels < 2.0 {
-        true => 1,
-        false => (voxels.round() as usize).min(MOST_SAMPLES),
-    }
+    (voxels.ceil().max(1.0) as usize).min(MOST_SAMPLES)
 }
 
 /// Mean length of the edges at each node.

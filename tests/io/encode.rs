@@ -342,7 +342,7 @@ fn gmsh(version: &str, is_binary: bool, big: bool) -> Fixture {
         int(&mut file, &[1]);
         file.push(b'\n');
     }
-    file.extend(b"$EndMeshFormat\n$PhysicalNames\n1\n3 7 \"soft $stuff\"\n$EndPhysicalNames\n");
+    file.extend(b"$EndMeshFormat\n$PhysicalNames\n1\n2 7 \"soft $stuff\"\n$EndPhysicalNames\n");
     let vtk_to_gmsh = |kind| if kind == 10 { 4 } else { 2 };
     if old {
         file.extend(b"$Nodes\n5\n");

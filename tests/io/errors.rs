@@ -218,7 +218,7 @@ fn damage_is_told_with_its_place() {
             "a.vtk",
             LEGACY,
             "UNSTRUCTURED_GRID",
-            "POLYDATA",
+            "STRUCTURED_GRID",
             "expected DATASET UNSTRUCTURED_GRID",
         ),
         ("a.vtu", VTU, "0 1 2 3", "0 1 2 4", "refers to node 4"),

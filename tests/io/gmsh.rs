@@ -80,3 +80,15 @@ fn data_that_cannot_be_used_is_left_out_with_a_warning() {
     assert_eq!(mesh.field("heat", Location::Node).unwrap().values[0], 9.5);
     assert!(mesh.repairs.warnings.join("").contains("the last is kept"));
 }
+
+#[test]
+fn names_of_physical_volumes_are_those_of_regions() {
+    let text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 \"skin\"\n3 7 \"left knee\"\n$EndPhysicalNames\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n$Elements\n1\n1 4 2 7 1 1 2 3 4\n$EndElements\n";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("named.msh");
+    std::fs::write(&path, text).unwrap();
+    let mesh = palpate::io::read(&path).unwrap();
+    assert_eq!(mesh.region_names, [(7, "left knee".to_owned())].into());
+    let label = mesh.field("label", palpate::mesh::Location::Cell).unwrap();
+    assert_eq!(label.values, [7.0]);
+}

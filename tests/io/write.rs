@@ -263,3 +263,30 @@ fn damaged_series_are_refused() {
     let error = io::read(&path).unwrap_err().to_string();
     assert!(error.contains("PolyData"), "{error}");
 }
+
+#[test]
+fn the_regions_names_and_the_unit_are_kept() {
+    let mut mesh = palpate::mesh::generate::paper_bar().unwrap();
+    let labels = (0..mesh.tets.len()).map(|t| (t % 2) as f64).collect();
+    mesh.set_field(Field::scalar("label", Location::Cell, labels))
+        .unwrap();
+    mesh.region_names = [(0, "Muskel <ä> & \"x\"".to_owned()), (1, "bone".to_owned())].into();
+    mesh.length_unit = Some(1e-3);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("named.vtu");
+    palpate::io::write(&path, &mesh).unwrap();
+    let back = palpate::io::read(&path).unwrap();
+    assert_eq!(back.region_names, mesh.region_names);
+    assert_eq!(back.length_unit, mesh.length_unit);
+    // Fewer names than labels belong to nobody.
+    let text = std::fs::read(&path).unwrap();
+    let needle = b">0 1</DataArray>";
+    let at = text
+        .windows(needle.len())
+        .position(|w| w == needle)
+        .unwrap();
+    let mut odd = text.clone();
+    odd[at + 2] = b'9';
+    std::fs::write(&path, odd).unwrap();
+    assert!(palpate::io::read(&path).unwrap().region_names.is_empty());
+}

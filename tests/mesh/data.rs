@@ -38,9 +38,14 @@ fn the_volumes_and_surfaces_that_ship_are_up_to_date() {
     let kept = |name: &str| format!("{}/data/{name}", env!("CARGO_MANIFEST_DIR"));
     for (name, made) in generate_data::volumes() {
         let kept = palpate::io::read_volume(kept(name)).unwrap();
-        assert_eq!(kept.size, made.size, "{name}: run the example generate_data");
+        assert_eq!(
+            kept.size, made.size,
+            "{name}: run the example generate_data"
+        );
         assert_eq!(kept.names, made.names, "{name}");
-        let here = kept.to_world.transform_point3(glam::DVec3::new(5.0, 6.0, 7.0));
+        let here = kept
+            .to_world
+            .transform_point3(glam::DVec3::new(5.0, 6.0, 7.0));
         assert!(here.distance(made.centre(5, 6, 7)) < 1e-4, "{name}");
         // A voxel in the boundary may be rounded otherwise on another platform.
         let other = |n: &usize| (kept.value(*n) - made.value(*n)).abs() > 3.0;
