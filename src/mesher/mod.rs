@@ -31,6 +31,7 @@ mod report;
 mod spacing;
 mod stars;
 mod stencil;
+mod tetgen;
 mod threshold_domain;
 mod window;
 
@@ -43,6 +44,7 @@ pub use optimise::OptimiserReport;
 pub use pinches::PinchReport;
 pub use recipe::{Labels, Made, MadeRegion, Recipe, RecipeReport, Size};
 pub use report::{MeshReport, RegionReport};
+pub use tetgen::tetgen;
 pub use threshold_domain::ThresholdDomain;
 pub use window::Window;
 

@@ -4,3 +4,4 @@
 mod labels;
 mod solids;
 mod support;
+mod tetgen;
