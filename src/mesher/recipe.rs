@@ -2,7 +2,7 @@
 
 use super::{
     ClosedSurface, Domain, Filling, LabelDomain, Length, MeshOptions, MeshReport, Progress,
-    Spacing, SurfaceDomain, ThresholdDomain, Window, fill,
+    Spacing, SurfaceDomain, ThresholdDomain, Window, fill, tetgen,
 };
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
@@ -228,9 +228,14 @@ impl Recipe {
             regions.volumes.push(alone.then(|| closed.volume()));
             surfaces.push((surface, closed));
         }
-        let closed = surfaces.into_iter().map(|(_, closed)| closed).collect();
-        let domain = SurfaceDomain::new(closed)?;
-        let mut made = self.fill(&domain, regions, self.unit, progress)?;
+        let (surfaces, closed): (Vec<_>, Vec<_>) = surfaces.into_iter().unzip();
+        let mut made = match self.tetgen {
+            true => {
+                let filling = tetgen(&surfaces, self.spacing(self.unit)?, progress)?;
+                regions.name(filling, self.unit)?
+            }
+            false => self.fill(&SurfaceDomain::new(closed)?, regions, self.unit, progress)?,
+        };
         made.notes.extend(notes);
         Ok(made)
     }
