@@ -1,8 +1,7 @@
 //! Where the boundaries between regions cross the edges of the lattice, and which points of the
 //! lattice are moved onto them.
 
-use super::Domain;
-use super::domain::Sampler;
+use super::domain::{Sampler, Weighed};
 use super::lattice::LatticeMesh;
 use crate::mesh::TET_EDGES;
 use glam::DVec3;
@@ -34,7 +33,7 @@ pub(super) struct CutLattice {
 }
 
 /// The region of every point of the lattice.
-pub(super) fn assign_regions(domain: &dyn Domain, lattice: &LatticeMesh) -> Vec<u16> {
+pub(super) fn assign_regions(domain: Weighed, lattice: &LatticeMesh) -> Vec<u16> {
     let points = lattice.positions.par_iter().zip(&lattice.known);
     points
         .map_init(
@@ -45,7 +44,7 @@ pub(super) fn assign_regions(domain: &dyn Domain, lattice: &LatticeMesh) -> Vec<
 }
 
 impl CutLattice {
-    pub(super) fn new(domain: &dyn Domain, lattice: &LatticeMesh, region: Vec<u16>) -> CutLattice {
+    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, region: Vec<u16>) -> CutLattice {
         let mut edges: Vec<[u32; 2]> = lattice
             .tets
             .par_iter()

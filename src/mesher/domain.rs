@@ -22,18 +22,47 @@ pub trait Domain: Sync {
         let _ = (low, high);
         None
     }
+
+    /// What is known of the true volumes of regions 1, 2, …: all of them, or nothing.
+    ///
+    /// Flat tets between nodes on a curved boundary hold too little or too much, and smoothing
+    /// shrinks what is round. Where the true volumes are known, weights are raised or lowered a
+    /// little so that the mesh has them.
+    fn volumes(&self) -> Vec<RegionVolume> {
+        Vec::new()
+    }
+}
+
+/// The true volume of a region.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RegionVolume {
+    /// The volume.
+    pub volume: f64,
+    /// About how much the region grows when 1 is added to its weight everywhere.
+    pub growth: f64,
+}
+
+/// A domain, and what is added to the weights of its regions.
+#[derive(Clone, Copy)]
+pub(super) struct Weighed<'a> {
+    pub domain: &'a dyn Domain,
+    /// For regions 1, 2, …; nothing where it is not given.
+    pub added: &'a [f64],
 }
 
 /// A domain with room for the weights at one point: one for each thread.
 pub(super) struct Sampler<'a> {
     domain: &'a dyn Domain,
+    /// What is added to the weights of regions 1, 2, …, where it is given.
+    added: &'a [f64],
     weights: Vec<(u16, f64)>,
 }
 
 impl<'a> Sampler<'a> {
-    pub(super) fn new(domain: &'a dyn Domain) -> Sampler<'a> {
+    pub(super) fn new(weighed: Weighed<'a>) -> Sampler<'a> {
         Sampler {
-            domain,
+            domain: weighed.domain,
+            added: weighed.added,
             weights: Vec::new(),
         }
     }
@@ -44,6 +73,7 @@ impl<'a> Sampler<'a> {
         let outside = self.weight(0);
         let mut best = (0, outside);
         for &(region, weight) in &self.weights {
+            let weight = weight + self.added(region);
             if weight > best.1 || (weight == best.1 && region < best.0) {
                 best = (region, weight);
             }
@@ -65,6 +95,14 @@ impl<'a> Sampler<'a> {
 
     fn weight(&self, region: u16) -> f64 {
         let named = self.weights.iter().find(|w| w.0 == region);
-        named.map_or(0.0, |w| w.1)
+        named.map_or(0.0, |w| w.1) + self.added(region)
+    }
+
+    fn added(&self, region: u16) -> f64 {
+        let place = usize::from(region).checked_sub(1);
+        place
+            .and_then(|r| self.added.get(r))
+            .copied()
+            .unwrap_or(0.0)
     }
 }

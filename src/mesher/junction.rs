@@ -1,9 +1,8 @@
 //! Points where three or four regions meet: one in each face of the lattice with three regions,
 //! one in each tet with three or more.
 
-use super::Domain;
 use super::cut::{CutLattice, ON_BOUNDARY};
-use super::domain::Sampler;
+use super::domain::{Sampler, Weighed};
 use super::lattice::LatticeMesh;
 use super::stencil::Corners;
 use crate::mesh::FACES;
@@ -34,7 +33,7 @@ pub(super) fn face_key(mut face: [u32; 3]) -> [u32; 3] {
 }
 
 impl Junctions {
-    pub(super) fn new(domain: &dyn Domain, lattice: &LatticeMesh, cut: &CutLattice) -> Junctions {
+    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, cut: &CutLattice) -> Junctions {
         let region = |p: u32| cut.region[p as usize];
         let tets: Vec<u32> = (0..lattice.tets.len() as u32)
             .into_par_iter()

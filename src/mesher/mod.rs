@@ -10,6 +10,7 @@
 //! 3. `cut`: the region of each point; where edges between regions are cut; points close to a cut
 //!    are moved onto it.
 //! 4. `stencil`, `junction`: what each tet is divided into.
+//!    `volumes`: where the true volumes are known, boundaries are moved a little to keep them.
 //! 5. `islands`, `pinches`: small pieces, and places where a boundary is not a manifold.
 //! 6. `optimise`: the few worst tets are improved.
 
@@ -33,10 +34,11 @@ mod stars;
 mod stencil;
 mod tetgen;
 mod threshold_domain;
+mod volumes;
 mod window;
 
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
-pub use domain::Domain;
+pub use domain::{Domain, RegionVolume};
 pub use islands::IslandReport;
 pub use label_domain::LabelDomain;
 pub use length::{Length, metres_in};
@@ -50,7 +52,7 @@ pub use window::Window;
 
 use crate::{Error, Result};
 use cut::{CutLattice, assign_regions};
-use domain::Sampler;
+use domain::{Sampler, Weighed};
 use glam::DVec3;
 use junction::Junctions;
 use lattice::LatticeMesh;
@@ -58,6 +60,9 @@ use octree::Octree;
 use rayon::prelude::*;
 use spacing::find_spacing;
 use stencil::{Piece, Stencils};
+
+/// Tries at the true volumes of regions, each of which leaves a fraction of what is amiss.
+const VOLUME_ROUNDS: usize = 3;
 
 /// Told what is being done and the fraction of it that is done, now and then.
 pub type Progress<'a> = &'a (dyn Fn(&str, f64) + Sync);
@@ -130,17 +135,33 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
         }
     };
     let Laid {
+        lattice,
         mut nodes,
         mut pieces,
         mut report,
     } = laid;
+    let truth = domain.volumes();
+    let mut added = Vec::new();
+    for _ in 0..VOLUME_ROUNDS {
+        if !volumes::correct(&truth, &nodes, &pieces, &mut added) {
+            break;
+        }
+        let added = &added[..];
+        (nodes, pieces) = divide(Weighed { domain, added }, &lattice, progress, &mut report);
+    }
+    drop(lattice);
+    report.stage("volumes");
     progress("cleaning", 0.7);
     report.islands = islands::dissolve(&nodes, &mut pieces, options.min_island);
     let own = nodes.len();
     report.pinches = pinches::resolve(&mut nodes, &mut pieces);
     report.stage("cleaning");
     progress("shapes", 0.8);
-    report.optimiser = optimise::improve(domain, report.edge, own, &mut nodes, &mut pieces);
+    let weighed = Weighed {
+        domain,
+        added: &added,
+    };
+    report.optimiser = optimise::improve(weighed, report.edge, own, &mut nodes, &mut pieces);
     report.stage("shapes");
     progress("quality", 0.9);
     let filling = finish(nodes, pieces, report)?;
@@ -150,6 +171,7 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
 
 /// A domain divided into tets, those outside along its boundary among them.
 struct Laid {
+    lattice: LatticeMesh,
     nodes: Vec<DVec3>,
     pieces: Vec<Piece>,
     report: MeshReport,
@@ -172,17 +194,34 @@ fn lay(domain: &dyn Domain, options: &MeshOptions, edge: f64, progress: Progress
     progress("lattice", 0.1);
     let lattice = LatticeMesh::new(&tree)?;
     report.stage("lattice");
+    let plain = Weighed { domain, added: &[] };
+    let (nodes, pieces) = divide(plain, &lattice, progress, &mut report);
+    report.stage("tets");
+    Ok(Laid {
+        lattice,
+        nodes,
+        pieces,
+        report,
+    })
+}
+
+/// Cuts a lattice where the regions of a domain meet, and divides its tets.
+fn divide(
+    domain: Weighed,
+    lattice: &LatticeMesh,
+    progress: Progress,
+    report: &mut MeshReport,
+) -> (Vec<DVec3>, Vec<Piece>) {
     progress("boundaries", 0.2);
-    let region = assign_regions(domain, &lattice);
-    let cut = CutLattice::new(domain, &lattice, region);
-    let junctions = Junctions::new(domain, &lattice, &cut);
-    report.stage("boundaries");
+    let region = assign_regions(domain, lattice);
+    let cut = CutLattice::new(domain, lattice, region);
+    let junctions = Junctions::new(domain, lattice, &cut);
     progress("tets", 0.5);
     report.snapped_nodes = cut.snapped;
     [report.triple_points, report.quadruple_points] = junctions.counts();
     let nodes: Vec<DVec3> = [&cut.positions[..], &cut.cuts, &junctions.points].concat();
     let stencils = Stencils {
-        lattice: &lattice,
+        lattice,
         cut: &cut,
         junctions: &junctions,
         nodes: &nodes,
@@ -200,12 +239,7 @@ fn lay(domain: &dyn Domain, options: &MeshOptions, edge: f64, progress: Progress
         .map(|(_, pieces)| pieces)
         .collect();
     let pieces = pieces.concat();
-    report.stage("tets");
-    Ok(Laid {
-        nodes,
-        pieces,
-        report,
-    })
+    (nodes, pieces)
 }
 
 fn check(options: &MeshOptions) -> Result<()> {

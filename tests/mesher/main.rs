@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod labels;
+mod scans;
 mod solids;
 mod support;
 mod tetgen;

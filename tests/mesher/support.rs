@@ -28,7 +28,9 @@ impl<F: Fn(DVec3) -> Vec<(u16, f64)> + Sync> Domain for Solids<F> {
         weights.push((0, 0.0));
         weights.sort_by(|a, b| b.1.total_cmp(&a.1));
         let lead = weights[0].1 - weights.get(1).map_or(f64::NEG_INFINITY, |w| w.1);
-        (lead > (high - low).length()).then_some(weights[0].0)
+        // Each weight changes by half the diagonal; that of the outside, which stays 0, by none.
+        let changing = weights.len().min(3) as f64 - 1.0;
+        (lead > 0.5 * changing * (high - low).length()).then_some(weights[0].0)
     }
 }
 
@@ -180,4 +182,63 @@ pub fn euler_number(filling: &Filling, region: u16) -> i64 {
 pub fn region_volume(filling: &Filling, region: u16) -> f64 {
     let entry = filling.report.regions.iter().find(|r| r.region == region);
     entry.map_or(0.0, |r| r.volume)
+}
+
+/// The farthest that the boundaries of a filling's regions lie from the faces between voxels of
+/// different labels, and the farthest that those lie from them, in voxels of a volume of unit
+/// voxels from the origin.
+pub fn farthest_from_labels(filling: &Filling, volume: &Volume) -> (f64, f64) {
+    let size = volume.size.map(|n| n as i64);
+    let label = |c: [i64; 3]| match (0..3).all(|a| (0..size[a]).contains(&c[a])) {
+        true => volume.value((c[0] + size[0] * (c[1] + size[1] * c[2])) as usize),
+        false => 0.0,
+    };
+    // Faces as boxes of no thickness.
+    let mut walls: Vec<(DVec3, DVec3)> = Vec::new();
+    for n in 0..(size[0] + 1) * (size[1] + 1) * (size[2] + 1) {
+        let (nx, ny) = (size[0] + 1, size[1] + 1);
+        let c = [n % nx, n / nx % ny, n / nx / ny];
+        for axis in 0..3 {
+            let mut before = c;
+            before[axis] -= 1;
+            if label(c) != label(before) {
+                let low = DVec3::from(c.map(|c| c as f64));
+                let mut high = low + 1.0;
+                high[axis] = low[axis];
+                walls.push((low, high));
+            }
+        }
+    }
+    let regions: std::collections::BTreeSet<u16> = filling.regions.iter().copied().collect();
+    let mut triangles: Vec<[DVec3; 3]> = Vec::new();
+    for region in regions {
+        let part = region_of(filling, region);
+        let topology = Topology::new(&part);
+        let faces = topology.boundary.iter();
+        triangles.extend(faces.map(|b| {
+            topology
+                .boundary_nodes(&part, *b)
+                .map(|v| part.nodes[v as usize])
+        }));
+    }
+    let samples = triangles
+        .iter()
+        .flat_map(|t| [t[0], t[1], t[2], (t[0] + t[1] + t[2]) / 3.0]);
+    let there = samples
+        .map(|p| {
+            let to_wall = |w: &(DVec3, DVec3)| p.distance(p.clamp(w.0, w.1));
+            walls.iter().map(to_wall).fold(f64::INFINITY, f64::min)
+        })
+        .fold(0.0, f64::max);
+    let back = walls
+        .iter()
+        .map(|(low, high)| {
+            let p = 0.5 * (*low + *high);
+            let near = |t: &&[DVec3; 3]| t[0].distance(p) < 5.0;
+            let to_mesh = |t: &[DVec3; 3]| palpate::mesh::point_triangle_distance(p, *t);
+            let near = triangles.iter().filter(near);
+            near.map(to_mesh).fold(f64::INFINITY, f64::min)
+        })
+        .fold(0.0, f64::max);
+    (there, back)
 }

@@ -10,7 +10,7 @@ mod shape;
 mod smooth;
 mod work;
 
-use super::Domain;
+use super::domain::Weighed;
 use super::stencil::Piece;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -39,7 +39,7 @@ pub struct OptimiserReport {
 
 /// Improves the worst tets. Nodes from number `doubled` on, and those at the same places, stay.
 pub(super) fn improve(
-    domain: &dyn Domain,
+    domain: Weighed,
     edge: f64,
     doubled: usize,
     nodes: &mut Vec<DVec3>,

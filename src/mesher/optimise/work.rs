@@ -1,8 +1,7 @@
 //! A mesh that is worked on.
 
 use super::shape::shape;
-use crate::mesher::Domain;
-use crate::mesher::domain::Sampler;
+use crate::mesher::domain::{Sampler, Weighed};
 use crate::mesher::fans::Fans;
 use crate::mesher::keys::{KeyMap, KeySet};
 use crate::mesher::stars::Stars;
@@ -25,7 +24,7 @@ pub(super) struct Work<'a> {
 
 impl<'a> Work<'a> {
     pub(super) fn new(
-        domain: &'a dyn Domain,
+        domain: Weighed<'a>,
         edge: f64,
         doubled: usize,
         nodes: Vec<DVec3>,
