@@ -8,5 +8,6 @@ mod errors;
 mod gmsh;
 mod robust;
 mod sample;
+mod surfaces;
 mod variants;
 mod write;

@@ -12,7 +12,7 @@ const RECORD: usize = 50;
 
 /// Reads the content of an STL file.
 pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
-    // Binary files may begin with "solid" as well: the length tells.
+    // Binary files may begin with "solid" as well: the length tells, and that text has no zeros.
     let count = bytes.get(80..HEADER).map(|c| {
         let mut number = [0; 4];
         number.copy_from_slice(c);
@@ -20,7 +20,9 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
     });
     let fits = |n: usize| n.checked_mul(RECORD).and_then(|n| n.checked_add(HEADER));
     let exact = count.and_then(fits) == Some(bytes.len());
-    let text = bytes.trim_ascii_start().starts_with(b"solid");
+    let start = &bytes[..bytes.len().min(1024)];
+    let text = start.trim_ascii_start().to_ascii_lowercase();
+    let text = text.starts_with(b"solid") && !text.contains(&0);
     if text && !exact {
         return read_text(bytes);
     }
@@ -72,6 +74,7 @@ fn read_text(bytes: &[u8]) -> Parse<RawMesh> {
     let mut mesh = RawMesh::default();
     at.rest_of_line(); // solid NAME
     let mut corners = 0;
+    let mut ended = false;
     while let Some(token) = at.token() {
         match token.to_ascii_lowercase().as_slice() {
             b"facet" => {
@@ -98,7 +101,8 @@ fn read_text(bytes: &[u8]) -> Parse<RawMesh> {
                 corners = 0;
             }
             b"endfacet" => {}
-            b"endsolid" | b"solid" => {
+            word @ (b"endsolid" | b"solid") => {
+                ended = word == b"endsolid";
                 at.rest_of_line();
             }
             other => {
@@ -109,8 +113,12 @@ fn read_text(bytes: &[u8]) -> Parse<RawMesh> {
             }
         }
     }
-    match corners {
-        0 => Ok(mesh),
-        _ => Err("the file ends in the middle of a facet (truncated?)".into()),
+    if corners != 0 {
+        return Err("the file ends in the middle of a facet (truncated?)".into());
     }
+    if !ended {
+        mesh.warnings
+            .push("the file ends without endsolid; it may have been cut short".into());
+    }
+    Ok(mesh)
 }
