@@ -102,29 +102,33 @@ impl LabelDomain {
     fn boundary_faces(&self) -> Vec<usize> {
         let [nx, ny, nz] = self.size;
         let none = || vec![0usize; self.voxels.len()];
+        let outside = vec![0u16; nx];
+        let row = |n: usize| &self.regions[n * nx..(n + 1) * nx];
         let rows = (0..ny * nz).into_par_iter().with_min_len(64);
-        rows.fold(none, |mut faces, row| {
-            let (j, k) = ((row % ny) as isize, (row / ny) as isize);
-            for i in 0..nx as isize {
-                let own = self.at(i, j, k);
-                let lower = [(i - 1, j, k), (i, j - 1, k), (i, j, k - 1)];
-                let upper = [(i + 1, j, k), (i, j + 1, k), (i, j, k + 1)];
-                for (i, j, k) in lower {
-                    let other = self.at(i, j, k);
-                    if other != own {
-                        faces[usize::from(own)] += 1;
-                        faces[usize::from(other)] += 1;
-                    }
+        rows.fold(none, |mut faces, n| {
+            let own = row(n);
+            let (j, k) = (n % ny, n / ny);
+            let mut between = |a: &[u16], b: &[u16]| {
+                // Most rows are alike.
+                if a == b {
+                    return;
                 }
-                // What lies beyond the volume does not count its own faces.
-                for (i, j, k) in upper {
-                    let beyond = [i, j, k]
-                        .iter()
-                        .zip(self.size)
-                        .any(|(c, n)| *c as usize >= n);
-                    faces[usize::from(own)] += usize::from(beyond && own != 0);
+                for (a, b) in a.iter().zip(b).filter(|(a, b)| a != b) {
+                    faces[usize::from(*a)] += 1;
+                    faces[usize::from(*b)] += 1;
                 }
+            };
+            between(own, if j > 0 { row(n - 1) } else { &outside });
+            between(own, if k > 0 { row(n - ny) } else { &outside });
+            if j + 1 == ny {
+                between(own, &outside);
             }
+            if k + 1 == nz {
+                between(own, &outside);
+            }
+            between(&own[1..], &own[..nx - 1]);
+            between(&own[..1], &outside[..1]);
+            between(&own[nx - 1..], &outside[..1]);
             faces
         })
         .reduce(none, |mut a, b| {

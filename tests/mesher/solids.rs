@@ -131,7 +131,7 @@ fn grading_leaves_out_tets_inside_and_nothing_of_the_surface() {
         edges.fold(0.0, f64::max)
     };
     let (least, most) = (longest(&even), longest(&graded));
-    assert!(most > 3.0 * least && most < 8.5 * 0.05, "{least} {most}");
+    assert!(most > 2.5 * least && most < 8.5 * 0.05, "{least} {most}");
     assert!(angles(&graded).0 >= BOUND.0);
 }
 
