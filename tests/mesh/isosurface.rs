@@ -196,3 +196,29 @@ proptest! {
         }
     }
 }
+
+/// Reads `../shared/data`.
+#[test]
+fn the_bones_of_a_real_knee_have_the_volume_of_their_voxels() {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../shared/data/volumes/knee_labels_dess_384x384x160.nrrd"
+    );
+    assert!(std::path::Path::new(path).exists(), "{path} is missing");
+    let knee = palpate::io::read_volume(path).unwrap();
+    let mut counts: Vec<_> = knee
+        .labels()
+        .unwrap()
+        .into_iter()
+        .filter(|l| l.0 != 0)
+        .collect();
+    counts.sort_by_key(|(_, voxels)| std::cmp::Reverse(*voxels));
+    for (label, voxels) in &counts[..2] {
+        let surface = knee.label_surface(&[*label]).unwrap();
+        let found = sound(&surface);
+        let off = found.volume / (*voxels as f64 * knee.voxel_volume()) - 1.0;
+        assert!(off.abs() < 0.01, "label {label}: {off}");
+        let smooth = surface.smoothed(10);
+        assert!((smooth.volume() / found.volume - 1.0).abs() < 0.01);
+    }
+}
