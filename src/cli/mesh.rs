@@ -2,10 +2,11 @@
 
 use super::{Outcome, progress, tell};
 use clap::Args;
+use palpate::mesh::SurfaceDescription;
 use palpate::mesher::{Labels, Length, Recipe, RecipeReport, Size, Window};
 use palpate::scene::Unit;
 use palpate::{Error, io};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `mesh`.
 #[derive(Args)]
@@ -126,16 +127,54 @@ impl MeshArguments {
 /// Makes the mesh or surface and says what it is like.
 pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     let recipe = arguments.recipe()?;
+    let extension = arguments.out.extension().unwrap_or_default();
+    if ["ply", "obj", "stl"].contains(&extension.to_ascii_lowercase().to_str().unwrap_or("")) {
+        return surface(arguments, &recipe);
+    }
+    if arguments.smooth > 0 {
+        return Err(Error::Input(
+            "--smooth is for surfaces out (.ply, .obj, .stl); the mesher follows its input as it is".into(),
+        )
+        .into());
+    }
     let made = progress::stages(|progress| recipe.mesh(progress))?;
     io::write(&arguments.out, &made.mesh)?;
     tell(&made.notes);
     tell(&summary(&made.report));
     if let Some(path) = &arguments.report {
-        io::atomic_write(path, |file| {
-            serde_json::to_writer_pretty(file, &made.report).map_err(|e| Error::io(path)(e.into()))
-        })?;
+        write_report(path, &made.report)?;
     }
     Ok(Outcome::Done)
+}
+
+/// Writes a surface instead of tets.
+fn surface(arguments: &MeshArguments, recipe: &Recipe) -> anyhow::Result<Outcome> {
+    let surface = progress::stages(|progress| recipe.surface(arguments.smooth, progress))?;
+    io::write_surface(&arguments.out, &surface)?;
+    let description = SurfaceDescription::new(&surface);
+    tell(&surface.notes);
+    tell(&[format!(
+        "{} vertices, {} triangles, {}, area {:.1}, volume {:.1}",
+        description.vertices,
+        description.triangles,
+        if description.closed {
+            "closed"
+        } else {
+            "not closed"
+        },
+        description.area,
+        description.volume
+    )]);
+    if let Some(path) = &arguments.report {
+        write_report(path, &description)?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn write_report(path: &Path, report: &impl serde::Serialize) -> palpate::Result<()> {
+    io::atomic_write(path, |file| {
+        serde_json::to_writer_pretty(file, report).map_err(|e| Error::io(path)(e.into()))
+    })
 }
 
 /// What was made, a line a region, and how good it is.

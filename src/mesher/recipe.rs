@@ -5,7 +5,7 @@ use super::{
     Spacing, SurfaceDomain, ThresholdDomain, Window, fill, tetgen,
 };
 use crate::io::{self, Kind};
-use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
 use crate::volume::Volume;
 use crate::{Error, Result};
 use std::collections::BTreeMap;
@@ -136,6 +136,65 @@ impl Recipe {
         }
         made.report.seconds = started.elapsed().as_secs_f64();
         Ok(made)
+    }
+
+    /// The surface of what the recipe describes, at the full resolution of its input, smoothed
+    /// by `rounds` rounds: the isosurface of a volume's one threshold or range, the boundary of
+    /// the union of its labels; the boundary of the labels of a tet mesh (of all of it where none
+    /// are named); a surface as it is.
+    ///
+    /// # Errors
+    /// What reading gives; [`Error::Input`] for a recipe that does not fit its input.
+    pub fn surface(&self, rounds: u32, progress: Progress) -> Result<TriMesh> {
+        let [file] = self.input.as_slice() else {
+            return Err(Error::Input(format!(
+                "a surface is made of one file, but {} are named",
+                self.input.len()
+            )));
+        };
+        progress("reading", 0.0);
+        let windows = self.windows();
+        let kind = io::kind(file)?;
+        if kind != Kind::Volume && !windows.is_empty() {
+            return Err(Error::Input(format!(
+                "thresholds are for volumes, and {} is none",
+                file.display()
+            )));
+        }
+        let surface = match kind {
+            Kind::Surface => io::read_surface(file)?,
+            Kind::Mesh => {
+                let labels = match &self.labels {
+                    Some(Labels::These(labels)) => Some(labels.as_slice()),
+                    _ => None,
+                };
+                io::read(file)?.boundary_surface(labels)?
+            }
+            Kind::Volume => {
+                let volume = io::read_volume(file)?;
+                progress("surface", 0.3);
+                match (windows.as_slice(), &self.labels) {
+                    ([window], None) => volume.isosurface(window.low, window.high)?,
+                    ([], Some(Labels::These(labels))) => volume.label_surface(labels)?,
+                    ([], _) => {
+                        check_label_map(file, &volume)?;
+                        let labels = volume.labels().unwrap_or_default();
+                        let all: Vec<i64> = labels.into_keys().filter(|l| *l != 0).collect();
+                        volume.label_surface(&all)?
+                    }
+                    _ => {
+                        return Err(Error::Input(
+                            "a surface is that of one threshold, one range, or of labels".into(),
+                        ));
+                    }
+                }
+            }
+        };
+        progress("smoothing", 0.7);
+        Ok(match rounds {
+            0 => surface,
+            rounds => surface.smoothed(rounds),
+        })
     }
 
     /// The windows asked for: thresholds nest, each up to the next.
