@@ -319,15 +319,7 @@ impl File {
         }
         // Where volumes have names, their physical tags are the labels of regions.
         let named = !self.mesh.region_names.is_empty();
-<<<<<<< Updated upstream
         let labels = if named { self.physical.clone() } else { Vec::new() };
-=======
-        let labels = if named {
-            self.physical.clone()
-        } else {
-            Default::default()
-        };
->>>>>>> Stashed changes
         for (name, values) in [
             ("gmsh:physical", self.physical),
             ("gmsh:geometrical", self.geometrical),
