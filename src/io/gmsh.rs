@@ -319,7 +319,11 @@ impl File {
         }
         // Where volumes have names, their physical tags are the labels of regions.
         let named = !self.mesh.region_names.is_empty();
-        let labels = if named { self.physical.clone() } else { Vec::new() };
+        let labels = if named {
+            self.physical.clone()
+        } else {
+            Vec::new()
+        };
         for (name, values) in [
             ("gmsh:physical", self.physical),
             ("gmsh:geometrical", self.geometrical),
