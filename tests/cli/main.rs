@@ -2,6 +2,8 @@
 //! not part of this repository, and fail where that folder is absent.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod mesh;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
