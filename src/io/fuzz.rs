@@ -32,5 +32,11 @@ pub fn surface(extension: &str, bytes: &[u8]) -> Parsed<TriMesh> {
 
 /// A volume file, all of whose detached data are `data`.
 pub fn volume(bytes: &[u8], data: &[u8]) -> Parsed<Volume> {
-    super::volume::volume_of(bytes, &|_| Ok(data.to_vec()))
+    super::volume::volume_of(bytes, "", &|_| Ok(data.to_vec()))
+}
+
+/// A DICOM file; returns whether there is an image in it.
+#[cfg(feature = "dicom")]
+pub fn dicom(bytes: &[u8]) -> Parsed<bool> {
+    super::volume::dicom::parse(bytes)
 }

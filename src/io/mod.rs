@@ -88,7 +88,7 @@ pub fn kind(path: impl AsRef<Path>) -> Result<Kind> {
         && String::from_utf8_lossy(head)
             .to_uppercase()
             .contains("DATASET POLYDATA");
-    Ok(if volume::is_volume(&bytes) {
+    Ok(if volume::is_volume(&bytes, &volume::extension(path)) {
         Kind::Volume
     } else if polydata || surface::reader_of(&bytes, &extension).is_some() {
         Kind::Surface

@@ -10,4 +10,8 @@ mod robust;
 mod sample;
 mod surfaces;
 mod variants;
+mod volume_files;
+mod volumes;
+#[cfg(feature = "dicom")]
+mod volumes_dicom;
 mod write;

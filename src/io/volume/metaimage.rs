@@ -2,9 +2,9 @@
 //!
 //! The format is described at itk.org/Wiki/MetaIO/Documentation; its world is LPS, in mm.
 
-use super::Fetch;
 use super::pattern::numbered;
 use super::voxels::{Packing, decode, decode_text, extent, unpack};
+use super::{Fetch, joined};
 use crate::io::cursor::Parse;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
@@ -79,6 +79,13 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
             Some(msb) => msb,
             None => header.flag("ElementByteOrderMSB")?.unwrap_or(false),
         };
+        let packed = header.whole("CompressedDataSize")?.unwrap_or(0);
+        if packed > data.len() {
+            return Err(format!(
+                "`CompressedDataSize` is {packed}, but there are {} bytes of data (wrong size in the header, or a truncated file)",
+                data.len()
+            ));
+        }
         let packing = match header.flag("CompressedData")?.unwrap_or(false) {
             true if data.starts_with(&[0x1f, 0x8b]) => Packing::Gzip,
             true => Packing::Zlib,
@@ -235,18 +242,18 @@ impl Header {
         } else {
             vec![named.to_owned()]
         };
-        if names.is_empty() || names.len() as i64 > MOST_FILES {
+        let unnamed = names.iter().any(|n| n.is_empty());
+        if names.is_empty() || unnamed || names.len() as i64 > MOST_FILES {
             return Err(format!(
-                "line {line}: `ElementDataFile` names {} files of data",
+                "line {line}: `ElementDataFile` is \"{named}\", which names {} files of data",
                 names.len()
             ));
         }
-        let mut data = Vec::new();
-        for name in &names {
+        let each = bytes / names.len();
+        joined(&names, bytes, &|name| {
             let file = fetch(name)?;
-            data.extend_from_slice(self.after_header(&file, bytes / names.len())?);
-        }
-        Ok(data)
+            Ok(self.after_header(&file, each)?.to_vec())
+        })
     }
 
     fn after_header<'a>(&self, file: &'a [u8], bytes: usize) -> Parse<&'a [u8]> {

@@ -1,8 +1,11 @@
 //! Volumes in and out: one file a format. Everything is brought to RAS, in mm.
 
+#[cfg(feature = "dicom")]
+pub(super) mod dicom;
 mod metaimage;
 mod nifti;
 mod nrrd;
+mod nrrd_space;
 mod pattern;
 mod voxels;
 mod write;
@@ -18,31 +21,68 @@ use std::path::Path;
 /// that begins with `*` has the header's own name there, without its extension.
 type Fetch<'a> = &'a dyn Fn(&str) -> Parse<Vec<u8>>;
 
-/// Reads a volume of any format that is known. The content decides, then the extension.
+/// Reads a volume of any format that is known: NIfTI, NRRD, MetaImage. The content decides,
+/// then the extension.
+///
+/// A folder is a series of DICOM slices (with the cargo feature `dicom`): that with the most
+/// images is read, and it must be whole and evenly spaced.
 ///
 /// # Errors
 /// A file that cannot be read, is damaged, or holds something else than one scalar volume.
 pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     let path = path.as_ref();
+    if path.is_dir() {
+        return read_folder(path);
+    }
     let bytes = super::content(path)?;
     let fetch = |name: &str| {
         let file = match name.trim().strip_prefix("*.") {
             Some(extension) => path.with_extension(extension),
             None => path.with_file_name("").join(name.trim()),
         };
-        super::content(&file).map_err(|e| format!("its data file cannot be read: {e}"))
+        data_file(&file).map_err(|e| format!("its data file cannot be read: {e}"))
     };
-    volume_of(&bytes, &fetch).map_err(|e| Error::format(path, e))
+    volume_of(&bytes, &extension(path), &fetch).map_err(|e| Error::format(path, e))
 }
 
-/// Whether a file begins as a volume does.
-pub(super) fn is_volume(bytes: &[u8]) -> bool {
-    reader_of(bytes).is_some()
+/// All bytes of a data file, whatever they are.
+fn data_file(path: &Path) -> Result<Vec<u8>> {
+    let about = std::fs::metadata(path).map_err(Error::io(path))?;
+    match about.is_file() {
+        true => std::fs::read(path).map_err(Error::io(path)),
+        false => Err(Error::format(path, "this is not a regular file")),
+    }
+}
+
+/// What the name of a file says of its format: its extension, `nii` for `.nii.gz`.
+pub(super) fn extension(path: &Path) -> String {
+    match super::extension(path).as_str() {
+        "gz" => super::extension(Path::new(path.file_stem().unwrap_or_default())),
+        other => other.to_owned(),
+    }
+}
+
+#[cfg(feature = "dicom")]
+fn read_folder(path: &Path) -> Result<Volume> {
+    dicom::read(path)
+}
+
+#[cfg(not(feature = "dicom"))]
+fn read_folder(path: &Path) -> Result<Volume> {
+    Err(Error::format(
+        path,
+        "this is a folder; folders of DICOM slices are read by a Palpate that is built with `cargo build --features dicom`",
+    ))
+}
+
+/// Whether a file begins as a volume does, or is called one.
+pub(super) fn is_volume(bytes: &[u8], extension: &str) -> bool {
+    reader_of(bytes, extension).is_some()
 }
 
 type Reader = fn(&[u8], Fetch) -> Parse<Volume>;
 
-fn reader_of(bytes: &[u8]) -> Option<Reader> {
+fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
     if bytes.starts_with(nrrd::MAGIC) {
         Some(nrrd::read)
     } else if nifti::is_nifti(bytes) {
@@ -50,14 +90,37 @@ fn reader_of(bytes: &[u8]) -> Option<Reader> {
     } else if metaimage::is_metaimage(bytes) {
         Some(metaimage::read)
     } else {
-        None
+        // Nothing known at the start: the reader its name asks for says what it expected.
+        match extension {
+            "nrrd" | "nhdr" => Some(nrrd::read),
+            "nii" | "hdr" => Some(nifti::read),
+            "mha" | "mhd" => Some(metaimage::read),
+            _ => None,
+        }
     }
 }
 
 /// The volume in the content of a file.
-pub(super) fn volume_of(bytes: &[u8], fetch: Fetch) -> Parse<Volume> {
-    let reader = reader_of(bytes).ok_or(
+pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> Parse<Volume> {
+    let reader = reader_of(bytes, extension).ok_or(
         "this is no volume that Palpate reads: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) and MetaImage (.mhd, .mha) are",
     )?;
     reader(bytes, fetch)
+}
+
+/// The data of several files, one after the other. Stops when there are far more bytes than
+/// `bytes` of voxels can take, in text even.
+fn joined(names: &[String], bytes: usize, fetch: Fetch) -> Parse<Vec<u8>> {
+    let limit = bytes.saturating_mul(32).saturating_add(1 << 20);
+    let mut data = Vec::new();
+    for name in names {
+        data.extend(fetch(name)?);
+        if data.len() > limit && names.len() > 1 {
+            return Err(format!(
+                "its {} data files hold far more than the {bytes} bytes of voxels that the header promises",
+                names.len()
+            ));
+        }
+    }
+    Ok(data)
 }

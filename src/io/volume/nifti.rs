@@ -3,7 +3,7 @@
 //! The format is described at nifti.nimh.nih.gov; its world is RAS.
 
 use super::Fetch;
-use super::voxels::{Packing, decode, extent, unpack};
+use super::voxels::{Packing, bytes_in, decode, extent, unpack};
 use crate::io::cursor::Parse;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
@@ -183,7 +183,7 @@ impl<'a> Header<'a> {
 
     fn scalar_type(&self) -> Parse<ScalarType> {
         let code = self.i16(if self.second { 12 } else { 70 });
-        Ok(match code {
+        let scalar = match code {
             2 => ScalarType::U8,
             4 => ScalarType::I16,
             8 => ScalarType::I32,
@@ -206,7 +206,16 @@ impl<'a> Header<'a> {
                     "`datatype` is {code}{what}, which is not read; integers of 8 to 64 bits, float and double are"
                 ));
             }
-        })
+        };
+        let bits = self.i16(if self.second { 14 } else { 72 });
+        // Some writers leave it 0.
+        if bits != 0 && bits != 8 * bytes_in(scalar) as i64 {
+            return Err(format!(
+                "`bitpix` is {bits}, but numbers of `datatype` {code} have {} bits",
+                8 * bytes_in(scalar)
+            ));
+        }
+        Ok(scalar)
     }
 
     fn offset(&self) -> Parse<usize> {

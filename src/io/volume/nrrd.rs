@@ -2,20 +2,20 @@
 //!
 //! The format is described at teem.sourceforge.net/nrrd/format.html.
 
-use super::Fetch;
+use super::nrrd_space::Axes;
 use super::pattern::numbered;
 use super::voxels::{Packing, bytes_in, decode, decode_text, extent, unpack};
+use super::{Fetch, joined};
 use crate::io::cursor::Parse;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
-use glam::{DAffine3, DMat3, DVec3};
 use std::collections::{BTreeMap, HashMap};
 
 /// How the format begins.
 pub(super) const MAGIC: &[u8] = b"NRRD000";
 
 /// The fields and key/value pairs of a header.
-struct Header {
+pub(super) struct Header {
     /// By name in lower case, with their line.
     fields: HashMap<String, (usize, String)>,
     pairs: Vec<(String, String)>,
@@ -23,11 +23,14 @@ struct Header {
 
 /// The bytes of `file` as a volume.
 pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
+    if !file.starts_with(MAGIC) {
+        return Err("line 1: the file should begin with NRRD0001 to NRRD0005".into());
+    }
     let (header, data) = Header::parse(file)?;
     let scalar = scalar_type(&header)?;
     let axes = Axes::new(&header)?;
     let (voxels, bytes) = extent(axes.size, scalar)?;
-    let packed = header.data(data, fetch)?;
+    let packed = header.data(data, bytes, fetch)?;
     let raw = match header.require("encoding")?.1.to_lowercase().as_str() {
         "txt" | "text" | "ascii" => decode_text(header.skipped(&packed, None)?, scalar, voxels)?,
         "raw" => {
@@ -115,18 +118,18 @@ impl Header {
         Ok((header, &[]))
     }
 
-    fn get(&self, name: &str) -> Option<(usize, &str)> {
+    pub fn get(&self, name: &str) -> Option<(usize, &str)> {
         let joined = name.replace(' ', "");
         let found = self.fields.get(name).or_else(|| self.fields.get(&joined));
         found.map(|(line, value)| (*line, value.as_str()))
     }
 
-    fn require(&self, name: &str) -> Parse<(usize, &str)> {
+    pub fn require(&self, name: &str) -> Parse<(usize, &str)> {
         self.get(name)
             .ok_or_else(|| format!("the header has no field `{name}`"))
     }
 
-    fn number(&self, name: &str) -> Parse<Option<usize>> {
+    pub fn number(&self, name: &str) -> Parse<Option<usize>> {
         let Some((line, value)) = self.get(name) else {
             return Ok(None);
         };
@@ -148,7 +151,7 @@ impl Header {
     }
 
     /// The data, from this file or from those it names.
-    fn data(&self, attached: &[u8], fetch: Fetch) -> Parse<Vec<u8>> {
+    fn data(&self, attached: &[u8], bytes: usize, fetch: Fetch) -> Parse<Vec<u8>> {
         let Some((line, named)) = self.get("data file") else {
             if attached.is_empty() {
                 return Err("the file ends after its header, where the voxels should be".into());
@@ -173,14 +176,15 @@ impl Header {
             })?,
             (false, false) => vec![named.to_owned()],
         };
+        if names.is_empty() || names.iter().any(|n| n.is_empty()) {
+            return Err(format!(
+                "line {line}: `data file` is \"{named}\", which names no file"
+            ));
+        }
         if names.len() > 1 && self.byte_skip()? != Some(0) {
             return Err("`byte skip` over several data files is not read; join them first".into());
         }
-        let mut data = Vec::new();
-        for name in &names {
-            data.extend(fetch(name)?);
-        }
-        Ok(data)
+        joined(&names, bytes, fetch)
     }
 
     /// `data` after the lines and bytes that are to be skipped; `wanted` bytes at the end where
@@ -216,16 +220,14 @@ impl Header {
 
     /// The names of labels, as 3D Slicer writes them for segmentations.
     fn segment_names(&self) -> BTreeMap<i64, String> {
-        let value = |key: String| {
-            let found = self.pairs.iter().find(|(k, _)| *k == key);
-            found.map(|(_, value)| value.clone())
-        };
+        let pairs = self.pairs.iter().map(|(k, v)| (k.as_str(), v.as_str()));
+        let values: HashMap<&str, &str> = pairs.collect();
         self.pairs
             .iter()
             .filter_map(|(key, label)| {
                 let segment = key.strip_suffix("_LabelValue")?;
-                let name = value(format!("{segment}_Name"))?;
-                Some((label.parse().ok()?, name))
+                let name = values.get(format!("{segment}_Name").as_str())?;
+                Some((label.parse().ok()?, (*name).to_owned()))
             })
             .collect()
     }
@@ -272,167 +274,4 @@ fn scalar_type(header: &Header) -> Parse<ScalarType> {
             ));
         }
     })
-}
-
-/// The three axes of space.
-struct Axes {
-    size: [usize; 3],
-    to_world: DAffine3,
-}
-
-impl Axes {
-    fn new(header: &Header) -> Parse<Axes> {
-        let (line, sizes) = header.require("sizes")?;
-        let sizes: Vec<usize> = sizes
-            .split_whitespace()
-            .map(|w| w.parse().ok().filter(|n| *n > 0))
-            .collect::<Option<_>>()
-            .ok_or_else(|| {
-                format!("line {line}: `sizes` should be numbers from 1 on, but is \"{sizes}\"")
-            })?;
-        if let Some(dimension) = header.number("dimension")?
-            && dimension != sizes.len()
-        {
-            return Err(format!(
-                "line {line}: `dimension` is {dimension}, but `sizes` has {} numbers",
-                sizes.len()
-            ));
-        }
-        let directions = match header.get("space directions") {
-            Some((line, text)) => Some(vectors(line, text, sizes.len())?),
-            None => None,
-        };
-        // What is not an axis of space must have one value only.
-        let in_space: Vec<usize> = match &directions {
-            Some(directions) => (0..sizes.len())
-                .filter(|a| directions[*a].is_some())
-                .collect(),
-            None if sizes.len() > 3 => (0..sizes.len()).filter(|a| sizes[*a] > 1).collect(),
-            None => (0..sizes.len()).collect(),
-        };
-        let beside: usize = (0..sizes.len())
-            .filter(|a| !in_space.contains(a))
-            .map(|a| sizes[a])
-            .product();
-        let &[i, j, k] = in_space.as_slice() else {
-            return Err(format!(
-                "line {line}: a volume has three axes in space, but this has {} of sizes {sizes:?}",
-                in_space.len()
-            ));
-        };
-        if beside != 1 {
-            return Err(format!(
-                "line {line}: sizes {sizes:?} are several values a voxel; Palpate reads scalar volumes (`unu slice` takes one out)"
-            ));
-        }
-        let axes = [i, j, k];
-        let columns = match &directions {
-            Some(directions) => axes.map(|a| directions[a].unwrap_or(DVec3::ZERO)),
-            None => {
-                let spacings = header.spacings(sizes.len())?;
-                let mut unit = [DVec3::X, DVec3::Y, DVec3::Z].into_iter();
-                axes.map(|a| unit.next().unwrap_or(DVec3::ZERO) * spacings[a])
-            }
-        };
-        let origin = match header.get("space origin") {
-            Some((line, text)) => vectors(line, text, 1)?[0].unwrap_or(DVec3::ZERO),
-            None => DVec3::ZERO,
-        };
-        let to_ras = to_ras(header)?;
-        let linear = to_ras * DMat3::from_cols(columns[0], columns[1], columns[2]);
-        if linear.determinant() == 0.0 || !linear.is_finite() {
-            return Err("the voxels have no volume: check `space directions` or `spacings`".into());
-        }
-        Ok(Axes {
-            size: axes.map(|a| sizes[a]),
-            to_world: DAffine3::from_mat3_translation(linear, to_ras * origin),
-        })
-    }
-}
-
-impl Header {
-    /// The spacing of each axis, 1 where it is not known.
-    fn spacings(&self, axes: usize) -> Parse<Vec<f64>> {
-        let Some((line, text)) = self.get("spacings") else {
-            return Ok(vec![1.0; axes]);
-        };
-        let spacings: Vec<f64> = text
-            .split_whitespace()
-            .map_while(|w| w.parse().ok())
-            .map(|s: f64| if s.is_nan() { 1.0 } else { s })
-            .collect();
-        if spacings.len() != axes || spacings.iter().any(|s| !s.is_finite() || *s == 0.0) {
-            return Err(format!(
-                "line {line}: `spacings` should be {axes} numbers other than 0, but is \"{text}\""
-            ));
-        }
-        Ok(spacings)
-    }
-}
-
-/// `count` vectors such as `(1,0,0)`; `none` where an axis is not one of space.
-fn vectors(line: usize, text: &str, count: usize) -> Parse<Vec<Option<DVec3>>> {
-    let wrong = || {
-        format!(
-            "line {line}: {count} vectors of three numbers, such as (0.5,0,0), are expected, found \"{text}\""
-        )
-    };
-    let mut found = Vec::new();
-    let mut rest = text.trim();
-    while !rest.is_empty() {
-        if let Some(after) = rest.strip_prefix("none") {
-            found.push(None);
-            rest = after.trim_start();
-            continue;
-        }
-        let inner = rest.strip_prefix('(').ok_or_else(wrong)?;
-        let (inner, after) = inner.split_once(')').ok_or_else(wrong)?;
-        let numbers: Vec<f64> = inner
-            .split(',')
-            .map(|w| w.trim().parse().ok())
-            .collect::<Option<_>>()
-            .ok_or_else(wrong)?;
-        let three: [f64; 3] = numbers.try_into().map_err(|_| wrong())?;
-        found.push(Some(DVec3::from(three)).filter(|v| v.is_finite()));
-        rest = after.trim_start();
-    }
-    match found.len() == count {
-        true => Ok(found),
-        false => Err(wrong()),
-    }
-}
-
-/// From the header's space, in its units, to RAS in mm.
-fn to_ras(header: &Header) -> Parse<DMat3> {
-    let signs = match header.get("space") {
-        // Nothing is said: as the numbers are.
-        None => DVec3::ONE,
-        Some((line, name)) => match name.to_lowercase().as_str() {
-            "right-anterior-superior" | "ras" | "scanner-xyz" | "3d-right-handed" => DVec3::ONE,
-            "left-anterior-superior" | "las" => DVec3::new(-1.0, 1.0, 1.0),
-            "left-posterior-superior" | "lps" => DVec3::new(-1.0, -1.0, 1.0),
-            "3d-left-handed" => DVec3::new(1.0, 1.0, -1.0),
-            other => {
-                return Err(format!(
-                    "line {line}: the space \"{other}\" is not known; three-dimensional spaces without time are (left-posterior-superior, for example)"
-                ));
-            }
-        },
-    };
-    let unit = match header.get("space units") {
-        None => 1.0,
-        Some((line, text)) => {
-            let name = text.split('"').nth(1).unwrap_or(text).trim();
-            match crate::mesher::metres_in(name) {
-                Some(metres) => metres * 1e3,
-                None if name.is_empty() || name == "???" => 1.0,
-                None => {
-                    return Err(format!(
-                        "line {line}: `space units` should be mm, cm, m or um, but is \"{name}\""
-                    ));
-                }
-            }
-        }
-    };
-    Ok(DMat3::from_diagonal(signs * unit))
 }

@@ -36,11 +36,15 @@ pub(super) enum Packing {
     Zlib,
 }
 
+/// More bytes than this after the voxels mean that the header is wrong; fewer are a line end, or
+/// padding.
+const MOST_PADDING: usize = 16;
+
 /// The `wanted` bytes of the voxels out of `packed`. Grows with what is there, not with what is
 /// said to be.
 pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> Parse<Vec<u8>> {
     let mut bytes = Vec::new();
-    let limit = wanted as u64;
+    let limit = (wanted as u64).saturating_add(MOST_PADDING as u64 + 1);
     let read = match packing {
         Packing::Raw => packed.take(limit).read_to_end(&mut bytes),
         Packing::Gzip => MultiGzDecoder::new(packed)
@@ -57,6 +61,12 @@ pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> Parse<Ve
             bytes.len()
         ));
     }
+    if bytes.len() - wanted > MOST_PADDING {
+        return Err(format!(
+            "the header promises {wanted} bytes of voxels, but there are more (wrong size in the header)"
+        ));
+    }
+    bytes.truncate(wanted);
     Ok(bytes)
 }
 
@@ -102,6 +112,7 @@ pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> Pa
         format_args!("the number of voxels"),
         2,
     )?;
+    let whole = !matches!(scalar, ScalarType::F32 | ScalarType::F64);
     macro_rules! numbers {
         ($raw:ident, $type:ty) => {{
             let mut values: Vec<$type> = Vec::with_capacity(voxels);
@@ -112,10 +123,12 @@ pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> Pa
                 let parsed = std::str::from_utf8(token).ok().and_then(|t| t.parse().ok());
                 values.push(match (parsed, number(token)) {
                     (Some(value), _) => value,
-                    (None, Some(value)) => value as $type,
-                    (None, None) => {
+                    (None, Some(value)) if !whole || (value as $type) as f64 == value => {
+                        value as $type
+                    }
+                    _ => {
                         return Err(format!(
-                            "voxel {n} is {:?}, not a number",
+                            "voxel {n} is {:?}, which is no number of the type in the header",
                             String::from_utf8_lossy(&token[..token.len().min(20)])
                         ));
                     }

@@ -1,0 +1,7 @@
+#![no_main]
+use libfuzzer_sys::fuzz_target;
+use palpate::io::fuzz;
+
+fuzz_target!(|data: &[u8]| {
+    let _ = fuzz::dicom(data);
+});
