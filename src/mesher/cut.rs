@@ -13,6 +13,9 @@ const SNAP_LONG: f64 = 0.24999;
 /// The same for a short edge, which runs from a corner to a centre of a leaf.
 const SNAP_SHORT: f64 = 0.41189;
 
+/// A cut lies where the weights of the two sides differ by this part of what they do at the ends.
+const NEAR: f64 = 1e-7;
+
 /// In place of a region: the point has been moved onto a boundary, and every region touches it.
 pub(super) const ON_BOUNDARY: u16 = u16::MAX;
 
@@ -32,19 +35,32 @@ pub(super) struct CutLattice {
     pub snapped: usize,
 }
 
-/// The region of every point of the lattice.
-pub(super) fn assign_regions(domain: Weighed, lattice: &LatticeMesh) -> Vec<u16> {
-    let points = lattice.positions.par_iter().zip(&lattice.known);
-    points
-        .map_init(
+/// The points of the lattice before it is cut.
+pub(super) struct Sampled {
+    /// The region of each point.
+    pub region: Vec<u16>,
+    /// The weights there; empty where the region was known without them.
+    weights: Vec<Box<[(u16, f64)]>>,
+}
+
+impl Sampled {
+    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh) -> Sampled {
+        let points = lattice.positions.par_iter().zip(&lattice.known);
+        let sampled = points.map_init(
             || Sampler::new(domain),
-            |sampler, (p, known)| known.unwrap_or_else(|| sampler.region(*p)),
-        )
-        .collect()
+            |sampler, (p, known)| match known {
+                Some(region) => (*region, Box::default()),
+                None => sampler.region_and_weights(*p),
+            },
+        );
+        let (region, weights) = sampled.unzip();
+        Sampled { region, weights }
+    }
 }
 
 impl CutLattice {
-    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, region: Vec<u16>) -> CutLattice {
+    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, points: Sampled) -> CutLattice {
+        let Sampled { region, weights } = points;
         let mut edges: Vec<[u32; 2]> = lattice
             .tets
             .par_iter()
@@ -63,9 +79,15 @@ impl CutLattice {
             .par_iter()
             .map_init(
                 || Sampler::new(domain),
-                |sampler, [a, b]| {
-                    let ends = [a, b].map(|p| lattice.positions[*p as usize]);
-                    crossing(sampler, ends, [a, b].map(|p| region[*p as usize]))
+                |sampler, edge| {
+                    let points = edge.map(|p| lattice.positions[p as usize]);
+                    let [a, b] = edge.map(|p| region[p as usize]);
+                    let mut excess = |end: usize| match &*weights[edge[end] as usize] {
+                        [] => sampler.excess(points[end], a, b),
+                        known => sampler.excess_of(known, a, b),
+                    };
+                    let ends = [excess(0), excess(1)];
+                    crossing(sampler, points, [a, b], ends)
                 },
             )
             .collect();
@@ -123,19 +145,24 @@ impl CutLattice {
     }
 }
 
-/// Where the regions of the two ends weigh the same, as a fraction of the edge from the first.
-fn crossing(sampler: &mut Sampler, [from, to]: [DVec3; 2], [a, b]: [u16; 2]) -> f64 {
-    let (mut low, mut f_low) = (0.0, sampler.excess(from, a, b));
-    let (mut high, mut f_high) = (1.0, sampler.excess(to, a, b));
+/// Where the regions of the two ends weigh the same, as a fraction of the edge from the first;
+/// `f_low` and `f_high` are by how much the first exceeds the second at the ends.
+fn crossing(
+    sampler: &mut Sampler,
+    [from, to]: [DVec3; 2],
+    [a, b]: [u16; 2],
+    [mut f_low, mut f_high]: [f64; 2],
+) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
     match (f_low > 0.0, f_high < 0.0) {
         (true, true) => {}
         (true, false) => return 1.0,
         (false, true) => return 0.0,
         (false, false) => return 0.5,
     }
-    let least = 1e-12 * (f_low - f_high);
+    let least = NEAR * (f_low - f_high);
     let (mut t, mut moved_last) = (0.5, None);
-    // False position after Illinois; ten rounds reach rounding on anything smooth.
+    // False position after Illinois; three to five rounds on anything smooth.
     for _ in 0..12 {
         t = (low * f_high - high * f_low) / (f_high - f_low);
         if !(t > low && t < high) {

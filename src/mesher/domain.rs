@@ -69,7 +69,26 @@ impl<'a> Sampler<'a> {
 
     /// The region `p` belongs to.
     pub(super) fn region(&mut self, p: DVec3) -> u16 {
+        self.at(p);
+        self.heaviest()
+    }
+
+    /// The region `p` belongs to, and the weights there.
+    pub(super) fn region_and_weights(&mut self, p: DVec3) -> (u16, Box<[(u16, f64)]>) {
+        let region = self.region(p);
+        (region, self.weights.as_slice().into())
+    }
+
+    /// By how much the weight of `a` exceeds that of `b` where the weights are `known`.
+    pub(super) fn excess_of(&self, known: &[(u16, f64)], a: u16, b: u16) -> f64 {
+        self.weight_in(known, a) - self.weight_in(known, b)
+    }
+
+    fn at(&mut self, p: DVec3) {
         self.domain.weights(p, &mut self.weights);
+    }
+
+    fn heaviest(&self) -> u16 {
         let outside = self.weight(0);
         let mut best = (0, outside);
         for &(region, weight) in &self.weights {
@@ -83,7 +102,7 @@ impl<'a> Sampler<'a> {
 
     /// The weights of `regions` at `p`.
     pub(super) fn of<const N: usize>(&mut self, p: DVec3, regions: [u16; N]) -> [f64; N] {
-        self.domain.weights(p, &mut self.weights);
+        self.at(p);
         regions.map(|r| self.weight(r))
     }
 
@@ -94,7 +113,11 @@ impl<'a> Sampler<'a> {
     }
 
     fn weight(&self, region: u16) -> f64 {
-        let named = self.weights.iter().find(|w| w.0 == region);
+        self.weight_in(&self.weights, region)
+    }
+
+    fn weight_in(&self, weights: &[(u16, f64)], region: u16) -> f64 {
+        let named = weights.iter().find(|w| w.0 == region);
         named.map_or(0.0, |w| w.1) + self.added(region)
     }
 

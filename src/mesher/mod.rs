@@ -51,7 +51,7 @@ pub use threshold_domain::ThresholdDomain;
 pub use window::Window;
 
 use crate::{Error, Result};
-use cut::{CutLattice, assign_regions};
+use cut::{CutLattice, Sampled};
 use domain::{Sampler, Weighed};
 use glam::DVec3;
 use junction::Junctions;
@@ -130,8 +130,14 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
         Spacing::Edge(edge) => trial(edge)?,
         Spacing::Tets(wanted) => {
             let (low, high) = domain.bounds();
-            let volume = (high - low).to_array().iter().product();
-            find_spacing(wanted, volume, trial, Laid::tets)?
+            let known: f64 = domain.volumes().iter().map(|r| r.volume).sum();
+            let volume = match known > 0.0 {
+                true => known,
+                // Bodies fill about a third of their boxes.
+                false => (high - low).to_array().iter().product::<f64>() / 3.0,
+            };
+            let graded = options.grading >= 2.0;
+            find_spacing(wanted, volume, graded, trial, Laid::tets)?
         }
     };
     let Laid {
@@ -213,8 +219,8 @@ fn divide(
     report: &mut MeshReport,
 ) -> (Vec<DVec3>, Vec<Piece>) {
     progress("boundaries", 0.2);
-    let region = assign_regions(domain, lattice);
-    let cut = CutLattice::new(domain, lattice, region);
+    let sampled = Sampled::new(domain, lattice);
+    let cut = CutLattice::new(domain, lattice, sampled);
     let junctions = Junctions::new(domain, lattice, &cut);
     progress("tets", 0.5);
     report.snapped_nodes = cut.snapped;

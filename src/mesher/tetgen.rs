@@ -191,7 +191,7 @@ impl Job<'_> {
         let (low, high) = self.regions.bounds();
         let volume = (high - low).to_array().iter().product();
         let trial = |edge| self.fill(Some(edge));
-        let filling = find_spacing(wanted, volume, trial, |filling| filling.tets.len())?;
+        let filling = find_spacing(wanted, volume, false, trial, |filling| filling.tets.len())?;
         match within(&filling) {
             true => Ok(filling),
             false => Err(Error::Input(format!(
