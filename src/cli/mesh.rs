@@ -3,7 +3,7 @@
 use super::{Outcome, progress, tell};
 use clap::Args;
 use palpate::mesh::SurfaceDescription;
-use palpate::mesher::{Labels, Length, Recipe, RecipeReport, Size, Window};
+use palpate::mesher::{Labels, Length, MadeRegion, Recipe, RecipeReport, Size, Window};
 use palpate::scene::Unit;
 use palpate::{Error, io};
 use std::path::{Path, PathBuf};
@@ -177,13 +177,17 @@ fn write_report(path: &Path, report: &impl serde::Serialize) -> palpate::Result<
     })
 }
 
+/// Of regions that lose more of their volume than this, the user is told.
+const LOST: f64 = 0.1;
+
 /// What was made, a line a region, and how good it is.
 fn summary(report: &RecipeReport) -> Vec<String> {
     let mut lines: Vec<String> = report
         .regions
         .iter()
         .map(|region| {
-            let name = region.name.as_deref().unwrap_or("");
+            let name = region.name.as_ref();
+            let name = name.map_or(String::new(), |name| format!(" {name}"));
             let off = region.input_volume.map(|input| {
                 format!(
                     " ({:+.1} % of the input's)",
@@ -191,7 +195,7 @@ fn summary(report: &RecipeReport) -> Vec<String> {
                 )
             });
             format!(
-                "region {} {name}: {} tets, volume {:.1}{}",
+                "region {}{name}: {} tets, volume {:.1}{}",
                 region.label,
                 region.tets,
                 region.volume,
@@ -202,6 +206,19 @@ fn summary(report: &RecipeReport) -> Vec<String> {
     let Some(mesher) = &report.mesher else {
         return lines;
     };
+    let lost = |r: &&MadeRegion| r.input_volume.is_some_and(|v| r.volume < (1.0 - LOST) * v);
+    let thin: Vec<String> = report
+        .regions
+        .iter()
+        .filter(lost)
+        .map(|r| r.label.to_string())
+        .collect();
+    if !thin.is_empty() {
+        lines.push(format!(
+            "regions {} lose more than {:.0} % of their volume: they are thinner than the edges of {:.3} in places; --edge {:.1} keeps them",
+            thin.join(", "), 100.0 * LOST, mesher.edge, 0.5 * mesher.edge
+        ));
+    }
     let islands: usize = mesher.islands.iter().map(|i| i.islands).sum();
     if islands > 0 {
         let volume: f64 = mesher.islands.iter().map(|i| i.volume).sum();

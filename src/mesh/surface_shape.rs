@@ -225,11 +225,17 @@ impl fmt::Display for SurfaceDescription {
         let [low, high] = self.bounds;
         writeln!(f, "bounds        {low:?} to {high:?}")?;
         for field in &self.fields {
-            writeln!(
+            write!(
                 f,
-                "field         {:?} at the {}, {} components, {:?} to {:?}",
-                field.name, field.location, field.components, field.min, field.max
+                "field         {:?} at the {}, {}",
+                field.name,
+                field.location,
+                plural(field.components, "component")
             )?;
+            match (field.min, field.max) {
+                (Some(min), Some(max)) => writeln!(f, ", {min} to {max}")?,
+                _ => writeln!(f, ", no finite value")?,
+            }
         }
         for note in &self.notes {
             writeln!(f, "note          {note}")?;

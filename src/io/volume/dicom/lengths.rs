@@ -70,10 +70,15 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
         let (tag, vr, length, header) = element(file, at, implicit, syntax.big_endian)?;
         let start = at;
         at += header;
-        let left = file.len() - at;
+        let around = frames.iter().rev().find_map(|f| f.end);
+        let left = around.unwrap_or(file.len()).saturating_sub(at);
         if length != UNDEFINED && length as usize > left {
+            let what = match around {
+                Some(_) => "the sequence around it ends",
+                None => "the file ends",
+            };
             return Err(format!(
-                "byte {start}: the element {tag} is said to have {length} bytes, but the file ends after {left} (lying length or truncated file)"
+                "byte {start}: the element {tag} is said to have {length} bytes, but {what} after {left} (lying length or truncated file)"
             ));
         }
         let end = (length != UNDEFINED).then(|| at + length as usize);
