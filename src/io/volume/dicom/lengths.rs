@@ -14,18 +14,29 @@ const UNDEFINED: u32 = u32::MAX;
 /// The deepest nesting of sequences and items.
 const DEEPEST: usize = 64;
 
+const META_LENGTH: Tag = Tag(0x0002, 0x0000);
 const TRANSFER_SYNTAX: Tag = Tag(0x0002, 0x0010);
 const PIXELS: Tag = Tag(0x7fe0, 0x0010);
 const ITEM: Tag = Tag(0xfffe, 0xe000);
 const END_OF_ITEM: Tag = Tag(0xfffe, 0xe00d);
 const END_OF_SEQUENCE: Tag = Tag(0xfffe, 0xe0dd);
 
+/// What elements lie in.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    /// A list of items.
+    Sequence,
+    /// A list of blocks of bytes.
+    Blocks,
+    /// A list of elements.
+    Item,
+}
+
 /// Something that elements lie in.
 struct Frame {
+    kind: Kind,
     /// The end, where its length is defined.
     end: Option<usize>,
-    /// Whether its items are blocks of bytes, not elements.
-    blocks: bool,
     /// Whether elements in it name no type.
     implicit: bool,
 }
@@ -37,77 +48,66 @@ struct Syntax {
     big_endian: bool,
 }
 
-/// Checks all lengths in `file`; returns its transfer syntax.
+/// Checks all lengths in `file`, and that what opens closes; returns its transfer syntax.
 pub(super) fn check(file: &[u8]) -> Parse<String> {
-    let mut uid = String::new();
-    let mut syntax = Syntax {
-        implicit: false,
-        big_endian: false,
+    let (uid, mut at) = meta_data(file)?;
+    if uid == "1.2.840.10008.1.2.1.99" {
+        return Err(
+            "the transfer syntax is deflated, which is not read; `dcmconv +te` converts".into(),
+        );
+    }
+    let syntax = Syntax {
+        implicit: uid == "1.2.840.10008.1.2",
+        big_endian: uid == "1.2.840.10008.1.2.2",
     };
-    let mut in_meta = true;
     let mut frames: Vec<Frame> = Vec::new();
-    let mut at = FIRST;
     while at + 8 <= file.len() {
-        while frames
-            .last()
-            .is_some_and(|f| f.end.is_some_and(|e| e <= at))
-        {
+        while frames.last().is_some_and(|f| f.end == Some(at)) {
             frames.pop();
-        }
-        // The group of the meta data is always little-endian with types.
-        if in_meta && file[at..at + 2] != [2, 0] {
-            in_meta = false;
-            syntax.implicit = uid == "1.2.840.10008.1.2";
-            syntax.big_endian = uid == "1.2.840.10008.1.2.2";
-            if uid == "1.2.840.10008.1.2.1.99" {
-                return Err(
-                    "the transfer syntax is deflated, which is not read; `dcmconv +te` converts"
-                        .into(),
-                );
-            }
         }
         let implicit = syntax.implicit || frames.last().is_some_and(|f| f.implicit);
         let (tag, vr, length, header) = element(file, at, implicit, syntax.big_endian)?;
         let start = at;
         at += header;
         let around = frames.iter().rev().find_map(|f| f.end);
-        let left = around.unwrap_or(file.len()).saturating_sub(at);
-        if length != UNDEFINED && length as usize > left {
-            let what = match around {
-                Some(_) => "the sequence around it ends",
-                None => "the file ends",
-            };
-            return Err(format!(
-                "byte {start}: the element {tag} is said to have {length} bytes, but {what} after {left} (lying length or truncated file)"
-            ));
-        }
-        let end = (length != UNDEFINED).then(|| at + length as usize);
-        let blocks = frames.last().is_some_and(|f| f.blocks);
-        match tag {
-            END_OF_ITEM | END_OF_SEQUENCE => {
+        let end = fits(file, start, tag, length, at, around)?;
+        let inside = frames.last().map(|f| f.kind);
+        let delimits = frames.last().is_some_and(|f| f.end.is_none());
+        let kind = match (tag, inside) {
+            (END_OF_ITEM, Some(Kind::Item)) if delimits && length == 0 => {
                 frames.pop();
                 continue;
             }
-            ITEM if !blocks => frames.push(Frame {
-                end,
-                blocks: false,
-                implicit,
-            }),
-            _ if vr == VR::SQ || end.is_none() => frames.push(Frame {
-                end,
-                blocks: tag == PIXELS,
-                // A sequence of unknown type holds elements without types.
-                implicit: implicit || vr == VR::UN,
-            }),
-            _ => {
-                if tag == TRANSFER_SYNTAX {
-                    let value = &file[at..at + length as usize];
-                    let text = String::from_utf8_lossy(value);
-                    uid = text.trim_end_matches(['\0', ' ']).to_owned();
-                }
-                at += length as usize;
+            (END_OF_SEQUENCE, Some(Kind::Sequence | Kind::Blocks)) if delimits && length == 0 => {
+                frames.pop();
+                continue;
             }
-        }
+            (ITEM, Some(Kind::Sequence)) => Kind::Item,
+            (ITEM, Some(Kind::Blocks)) if end.is_some() => {
+                at = end.unwrap_or(at);
+                continue;
+            }
+            _ if tag.group() == ITEM.group() || !matches!(inside, None | Some(Kind::Item)) => {
+                return Err(format!(
+                    "byte {start}: there is {tag} where the sequences around it have no place for it"
+                ));
+            }
+            _ if vr == VR::SQ => Kind::Sequence,
+            _ => match end {
+                Some(end) => {
+                    at = end;
+                    continue;
+                }
+                None if tag == PIXELS => Kind::Blocks,
+                None => Kind::Sequence,
+            },
+        };
+        frames.push(Frame {
+            kind,
+            end,
+            // A sequence of unknown type holds elements without types.
+            implicit: implicit || (vr == VR::UN && kind == Kind::Sequence),
+        });
         if frames.len() > DEEPEST {
             return Err(format!(
                 "byte {start}: sequences are nested more than {DEEPEST} deep"
@@ -117,9 +117,71 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
     Ok(uid)
 }
 
+/// The transfer syntax in the meta data, which are always little-endian with types; and where the
+/// data set begins.
+fn meta_data(file: &[u8]) -> Parse<(String, usize)> {
+    let mut at = FIRST;
+    let mut end = None;
+    let mut uid = String::new();
+    while end.is_none_or(|end| at < end) {
+        let start = at;
+        let (tag, _, length, header) = element(file, at, false, false)?;
+        at += header;
+        let value = fits(file, start, tag, length, at, None)?
+            .ok_or_else(|| format!("byte {start}: the element {tag} has no length"))?;
+        let bytes = &file[at..value];
+        at = value;
+        match (tag, end) {
+            (META_LENGTH, None) => {
+                let bytes: [u8; 4] = bytes
+                    .try_into()
+                    .map_err(|_| "the length of the meta data should have four bytes")?;
+                end = Some(at.saturating_add(u32::from_le_bytes(bytes) as usize));
+            }
+            (_, None) => {
+                return Err(format!(
+                    "byte {FIRST}: the meta data should begin with their length {META_LENGTH}, but begin with {tag}"
+                ));
+            }
+            (TRANSFER_SYNTAX, _) => {
+                let text = String::from_utf8_lossy(bytes);
+                uid = text.trim_end_matches(['\0', ' ']).to_owned();
+            }
+            _ => {}
+        }
+    }
+    Ok((uid, at))
+}
+
+/// Where an element of that length ends; none where it has no length. The value begins at `at`,
+/// `around` is the end of what it lies in.
+fn fits(
+    file: &[u8],
+    start: usize,
+    tag: Tag,
+    length: u32,
+    at: usize,
+    around: Option<usize>,
+) -> Parse<Option<usize>> {
+    if length == UNDEFINED {
+        return Ok(None);
+    }
+    let left = around.unwrap_or(file.len()).saturating_sub(at);
+    if length as usize > left {
+        let what = match around {
+            Some(_) => "the sequence around it ends",
+            None => "the file ends",
+        };
+        return Err(format!(
+            "byte {start}: the element {tag} is said to have {length} bytes, but {what} after {left} (lying length or truncated file)"
+        ));
+    }
+    Ok(Some(at + length as usize))
+}
+
 /// The element at byte `at`: its tag, type, length, and the bytes of these.
 fn element(file: &[u8], at: usize, implicit: bool, big: bool) -> Parse<(Tag, VR, u32, usize)> {
-    let bytes = &file[at..];
+    let bytes = file.get(at..).unwrap_or_default();
     let short = |n: usize| match (bytes.get(n), bytes.get(n + 1)) {
         (Some(a), Some(b)) if big => Ok(u16::from_be_bytes([*a, *b])),
         (Some(a), Some(b)) => Ok(u16::from_le_bytes([*a, *b])),
@@ -141,7 +203,10 @@ fn element(file: &[u8], at: usize, implicit: bool, big: bool) -> Parse<(Tag, VR,
         let vr = known.map_or(VR::UN, |entry| entry.vr.relaxed());
         return Ok((tag, vr, long(4)?, 8));
     }
-    let vr = VR::from_binary([bytes[4], bytes[5]]).unwrap_or(VR::UN);
+    let [Some(first), Some(second)] = [bytes.get(4), bytes.get(5)] else {
+        return Err(format!("byte {at}: the file ends inside an element"));
+    };
+    let vr = VR::from_binary([*first, *second]).unwrap_or(VR::UN);
     Ok(match vr {
         VR::OB | VR::OD | VR::OF | VR::OL | VR::OV | VR::OW | VR::SQ | VR::SV => {
             (tag, vr, long(8)?, 12)
