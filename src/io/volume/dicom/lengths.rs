@@ -71,6 +71,12 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
         at += header;
         let around = frames.iter().rev().find_map(|f| f.end);
         let end = fits(file, start, tag, length, at, around)?;
+        if end.is_some() && !length.is_multiple_of(width(vr)) {
+            return Err(format!(
+                "byte {start}: the element {tag} has {length} bytes, no multiple of the {} that numbers of its type have",
+                width(vr)
+            ));
+        }
         let inside = frames.last().map(|f| f.kind);
         let delimits = frames.last().is_some_and(|f| f.end.is_none());
         let kind = match (tag, inside) {
@@ -177,6 +183,16 @@ fn fits(
         ));
     }
     Ok(Some(at + length as usize))
+}
+
+/// The bytes of one value of a type.
+fn width(vr: VR) -> u32 {
+    match vr {
+        VR::OW | VR::SS | VR::US => 2,
+        VR::AT | VR::FL | VR::OF | VR::OL | VR::SL | VR::UL => 4,
+        VR::FD | VR::OD | VR::OV | VR::SV | VR::UV => 8,
+        _ => 1,
+    }
 }
 
 /// The element at byte `at`: its tag, type, length, and the bytes of these.
