@@ -9,6 +9,7 @@ mod field;
 mod frame;
 pub mod generate;
 mod order;
+mod packed_normal;
 mod quality;
 mod region_surface;
 mod repair;
@@ -25,6 +26,7 @@ pub use distance::{DEPTH, depth_field, point_triangle_distance};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub use order::morton_order;
+pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
 pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
 };
