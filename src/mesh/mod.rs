@@ -2,7 +2,9 @@
 //!
 //! Nothing here knows of files or of the GPU.
 
+mod blade;
 mod boundary;
+mod cut;
 mod describe;
 mod distance;
 mod field;
@@ -18,8 +20,10 @@ mod surface_shape;
 mod topology;
 mod tri_mesh;
 
+pub use blade::Blade;
 pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
+pub use cut::{TetCut, cut, remove};
 pub use describe::{Description, FieldDescription, RegionDescription};
 pub(crate) use distance::Tree;
 pub use distance::{DEPTH, depth_field, point_triangle_distance};

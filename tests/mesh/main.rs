@@ -1,6 +1,7 @@
 //! Meshes: generators, topology, quality, description and repairs.
 #![allow(clippy::unwrap_used)]
 
+mod cuts;
 mod data;
 mod describe;
 mod distance;

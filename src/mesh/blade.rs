@@ -1,0 +1,210 @@
+//! The surface that a blade sweeps, and what it parts.
+
+use super::bounds;
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Triangles smaller than this share of the blade's extent squared are left out.
+const FLAT: f64 = 1e-12;
+
+/// Points within this share of the blade's extent of its surface count as on its front: a point
+/// that lies in it by intention is then on one side, whatever the rounding.
+const THICKNESS: f64 = 1e-9;
+
+/// The surface that the edge of a blade sweeps, as triangles in file units.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blade {
+    vertices: Vec<DVec3>,
+    triangles: Vec<Triangle>,
+    low: DVec3,
+    high: DVec3,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Triangle {
+    vertices: [u32; 3],
+    normal: DVec3,
+    /// Least n · x of points that count as in front.
+    front: f64,
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Blade {
+    /// What the straight edge of a blade sweeps as it moves from one pair of ends to the next:
+    /// a quad, two triangles, from each to the following.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for fewer than two pairs, for coordinates that are not finite, and for an
+    /// edge that sweeps no area.
+    pub fn swept(edges: &[[DVec3; 2]]) -> Result<Blade> {
+        let points: Vec<DVec3> = edges.iter().flatten().copied().collect();
+        if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
+            return Err(Error::Input(format!(
+                "end {} of the blade's edge at its position {} is {}; give finite coordinates",
+                bad % 2,
+                bad / 2,
+                points[bad]
+            )));
+        }
+        let (low, high) = bounds(&points);
+        let extent = (high - low).max_element();
+        let mut blade = Blade {
+            triangles: Vec::new(),
+            low: low - THICKNESS * extent,
+            high: high + THICKNESS * extent,
+            vertices: points,
+        };
+        for k in 1..edges.len() as u32 {
+            let [a, b, c, d] = [2 * k - 2, 2 * k - 1, 2 * k + 1, 2 * k];
+            blade.add([a, b, c], extent);
+            blade.add([a, c, d], extent);
+        }
+        if blade.triangles.is_empty() {
+            return Err(Error::Input(format!(
+                "the blade sweeps no area: {} positions of its edge within {extent} of each other; give two that lie apart",
+                edges.len()
+            )));
+        }
+        Ok(blade)
+    }
+
+    /// The quad with these corners, in the order around it; it may be twisted.
+    ///
+    /// # Errors
+    /// As [`Blade::swept`].
+    pub fn quad([a, b, c, d]: [DVec3; 4]) -> Result<Blade> {
+        Blade::swept(&[[a, b], [d, c]])
+    }
+
+    fn add(&mut self, vertices: [u32; 3], extent: f64) {
+        let corners = vertices.map(|v| self.vertices[v as usize]);
+        let [a, b, c] = corners;
+        let across = (b - a).cross(c - a);
+        let area = across.length();
+        // A vertex that has not moved leaves a flat triangle.
+        if area.is_nan() || area <= FLAT * extent * extent {
+            return;
+        }
+        let normal = across / area;
+        let (low, high) = bounds(&corners);
+        self.triangles.push(Triangle {
+            vertices,
+            normal,
+            front: normal.dot(a - self.low) - THICKNESS * extent,
+            low: low - 2.0 * THICKNESS * extent,
+            high: high + 2.0 * THICKNESS * extent,
+        });
+    }
+
+    /// The corners of its triangles.
+    pub fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> + '_ {
+        self.triangles
+            .iter()
+            .map(|t| t.vertices.map(|v| self.vertices[v as usize]))
+    }
+
+    /// Lower and upper corner of the box around it.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        (self.low, self.high)
+    }
+
+    /// Whether the segment from `a` to `b` passes from one side of the blade to the other: meets
+    /// it an odd number of times. It is the same from `b` to `a`, and a chain of segments passes
+    /// a blade that reaches beyond it as often as its ends say.
+    pub fn parts(&self, a: DVec3, b: DVec3) -> bool {
+        let met = self.triangles.iter().filter(|t| self.meets(t, a, b));
+        met.count() % 2 == 1
+    }
+
+    fn meets(&self, triangle: &Triangle, a: DVec3, b: DVec3) -> bool {
+        let apart = a.min(b).cmpgt(triangle.high) | a.max(b).cmplt(triangle.low);
+        if apart.any() {
+            return false;
+        }
+        let side = |p: DVec3| triangle.normal.dot(p - self.low) >= triangle.front;
+        let (from_front, to_front) = (side(a), side(b));
+        // NaN is on neither side of anything.
+        if from_front == to_front || !(a.is_finite() && b.is_finite()) {
+            return false;
+        }
+        // Always seen from the front, so that either direction gives the same answer.
+        let (front, back) = if from_front { (a, b) } else { (b, a) };
+        let along = back - front;
+        let [u, v, w] = triangle.vertices;
+        // The same bits, but for the sign, from either end of an edge: of two triangles that share
+        // one, exactly one is met.
+        let inside = |p: u32, q: u32| {
+            let turn = |p: u32, q: u32| {
+                let [x, y] = [p, q].map(|v| self.vertices[v as usize] - front);
+                along.dot(y.cross(x))
+            };
+            let turned = turn(p, q);
+            turned > 0.0 || (turned == 0.0 && p < q)
+        };
+        inside(u, v) && inside(v, w) && inside(w, u)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn square() -> Blade {
+        Blade::quad([DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]).unwrap()
+    }
+
+    #[test]
+    fn segments_through_and_beside() {
+        let blade = square();
+        assert_eq!(blade.triangles().count(), 2);
+        for (x, y, hit) in [
+            (0.5, 0.25, true),
+            (0.25, 0.5, true),
+            // On the edge that the two triangles share: met once, not twice and not never.
+            (0.5, 0.5, true),
+            (0.125, 0.125, true),
+            (1.5, 0.5, false),
+            (0.5, -0.01, false),
+        ] {
+            let (a, b) = (DVec3::new(x, y, 0.3), DVec3::new(x, y, -0.2));
+            assert_eq!(blade.parts(a, b), hit, "{x} {y}");
+            assert_eq!(blade.parts(b, a), hit, "{x} {y}");
+            assert!(!blade.parts(a, DVec3::new(x, y, 0.1)));
+            // From a point within the blade it is the one or the other way.
+            let on = DVec3::new(x, y, 0.0);
+            assert_eq!(blade.parts(a, on) ^ blade.parts(on, b), hit);
+            assert!(!blade.parts(a, DVec3::splat(f64::NAN)));
+        }
+    }
+
+    #[test]
+    fn a_fold_is_met_twice_and_so_not_at_all() {
+        let edge = |x: f64, z: f64| [DVec3::new(x, 0.0, z), DVec3::new(x, 1.0, z)];
+        let roof = Blade::swept(&[edge(0.0, 0.0), edge(1.0, 1.0), edge(2.0, 0.0)]).unwrap();
+        let at = |x: f64, z: f64| DVec3::new(x, 0.4, z);
+        assert!(roof.parts(at(0.2, 0.5), at(1.0, 0.5)));
+        assert!(!roof.parts(at(0.2, 0.5), at(1.8, 0.5)));
+    }
+
+    #[test]
+    fn blades_without_area_or_with_nan_are_refused() {
+        let edge = [DVec3::ZERO, DVec3::X];
+        for edges in [
+            vec![],
+            vec![edge],
+            vec![edge; 3],
+            vec![edge, [DVec3::X, 2.0 * DVec3::X]],
+        ] {
+            let error = Blade::swept(&edges).unwrap_err().to_string();
+            assert!(error.contains("no area"), "{error}");
+        }
+        let error = Blade::swept(&[edge, [DVec3::Y, DVec3::NAN]])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("position 1"), "{error}");
+        // One end may stay where it is.
+        assert!(Blade::swept(&[edge, [DVec3::ZERO, DVec3::Y]]).is_ok());
+    }
+}
