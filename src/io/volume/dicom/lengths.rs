@@ -1,7 +1,8 @@
 //! A walk along the elements of a DICOM file, which holds every length against the file.
 //!
 //! The crate that parses the values makes room for as many bytes as a length says, and descends
-//! into nested sequences by calling itself; so both are checked before it sees a file.
+//! into nested sequences by calling itself; so it sees only the few elements that make a slice,
+//! their lengths checked.
 
 use crate::io::cursor::Parse;
 use dicom_core::{DataDictionary, VR};
@@ -48,8 +49,9 @@ struct Syntax {
     big_endian: bool,
 }
 
-/// Checks all lengths in `file`, and that what opens closes; returns its transfer syntax.
-pub(super) fn check(file: &[u8]) -> Parse<String> {
+/// Checks all lengths in `file`, and that what opens closes. Returns its transfer syntax, and a
+/// file of the elements `wanted` alone: all that the parser gets to see.
+pub(super) fn sifted(file: &[u8], wanted: &[Tag]) -> Parse<(String, Vec<u8>)> {
     let (uid, mut at) = meta_data(file)?;
     if uid == "1.2.840.10008.1.2.1.99" {
         return Err(
@@ -60,6 +62,9 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
         implicit: uid == "1.2.840.10008.1.2",
         big_endian: uid == "1.2.840.10008.1.2.2",
     };
+    let mut sifted = heading(&uid);
+    let mut seen: Vec<Tag> = Vec::new();
+    let mut blocks_begin = None;
     let mut frames: Vec<Frame> = Vec::new();
     while at + 8 <= file.len() {
         while frames.last().is_some_and(|f| f.end == Some(at)) {
@@ -77,6 +82,11 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
                 width(vr)
             ));
         }
+        let chosen = frames.is_empty()
+            && wanted.contains(&tag)
+            && !seen.contains(&tag)
+            && vr != VR::SQ
+            && vr != VR::UN;
         let inside = frames.last().map(|f| f.kind);
         let delimits = frames.last().is_some_and(|f| f.end.is_none());
         let kind = match (tag, inside) {
@@ -86,6 +96,9 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
             }
             (END_OF_SEQUENCE, Some(Kind::Sequence | Kind::Blocks)) if delimits && length == 0 => {
                 frames.pop();
+                if let Some(begin) = blocks_begin.take_if(|_| frames.is_empty()) {
+                    sifted.extend_from_slice(&file[begin..at]);
+                }
                 continue;
             }
             (ITEM, Some(Kind::Sequence)) => Kind::Item,
@@ -101,10 +114,20 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
             _ if vr == VR::SQ => Kind::Sequence,
             _ => match end {
                 Some(end) => {
+                    if chosen {
+                        seen.push(tag);
+                        sifted.extend_from_slice(&file[start..end]);
+                    }
                     at = end;
                     continue;
                 }
-                None if tag == PIXELS => Kind::Blocks,
+                None if tag == PIXELS => {
+                    if chosen {
+                        seen.push(tag);
+                        blocks_begin = Some(start);
+                    }
+                    Kind::Blocks
+                }
                 None => Kind::Sequence,
             },
         };
@@ -120,7 +143,28 @@ pub(super) fn check(file: &[u8]) -> Parse<String> {
             ));
         }
     }
-    Ok(uid)
+    match blocks_begin {
+        None => Ok((uid, sifted)),
+        Some(begin) => Err(format!(
+            "byte {begin}: the blocks of {PIXELS} do not end (truncated file)"
+        )),
+    }
+}
+
+/// The beginning of a file of that transfer syntax.
+fn heading(uid: &str) -> Vec<u8> {
+    let mut elements = b"\x02\0\x01\0OB\0\0\x02\0\0\0\0\x01".to_vec();
+    for (number, text) in [(2, "1.2"), (3, "1.2"), (0x10, uid), (0x12, "1.2")] {
+        let padded = text.len().next_multiple_of(2);
+        elements.extend([2, 0, number, 0, b'U', b'I', padded as u8, 0]);
+        elements.extend(text.bytes());
+        elements.resize(elements.len() + padded - text.len(), 0);
+    }
+    let mut file = vec![0; FIRST - 4];
+    file.extend(b"DICM\x02\0\0\0UL\x04\0");
+    file.extend((elements.len() as u32).to_le_bytes());
+    file.extend(elements);
+    file
 }
 
 /// The transfer syntax in the meta data, which are always little-endian with types; and where the
@@ -152,6 +196,12 @@ fn meta_data(file: &[u8]) -> Parse<(String, usize)> {
             (TRANSFER_SYNTAX, _) => {
                 let text = String::from_utf8_lossy(bytes);
                 uid = text.trim_end_matches(['\0', ' ']).to_owned();
+                if uid.len() > 64 {
+                    return Err(format!(
+                        "byte {start}: `TransferSyntaxUID` has {} characters, 64 at most are allowed",
+                        uid.len()
+                    ));
+                }
             }
             _ => {}
         }

@@ -27,6 +27,26 @@ const INTERCEPT: Tag = Tag(0x0028, 0x1052);
 const SLOPE: Tag = Tag(0x0028, 0x1053);
 const PIXELS: Tag = Tag(0x7fe0, 0x0010);
 
+const WANTED: [Tag; 17] = [
+    SLICE_THICKNESS,
+    SERIES,
+    POSITION,
+    ORIENTATION,
+    SAMPLES,
+    PHOTOMETRIC,
+    FRAMES,
+    ROWS,
+    COLUMNS,
+    SPACING,
+    BITS,
+    BITS_STORED,
+    HIGH_BIT,
+    SIGNED,
+    INTERCEPT,
+    SLOPE,
+    PIXELS,
+];
+
 /// The transfer syntaxes whose pixels lie in the file as they are.
 const NATIVE: [&str; 3] = [
     "1.2.840.10008.1.2",
@@ -65,9 +85,9 @@ impl Image {
         if file.get(128..132) != Some(b"DICM") {
             return Ok(None);
         }
-        let syntax = lengths::check(file)?;
+        let (syntax, sifted) = lengths::sifted(file, &WANTED)?;
         let object = OpenFileOptions::new()
-            .from_reader(file)
+            .from_reader(sifted.as_slice())
             .map_err(|e| format!("it is not DICOM as the standard has it: {e}"))?;
         if object.get(PIXELS).is_none() {
             return Ok(None);
