@@ -8,6 +8,7 @@
 
 mod body;
 mod explicit_euler;
+pub mod grid;
 mod guard;
 mod implicit_euler;
 mod kind;

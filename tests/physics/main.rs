@@ -7,5 +7,6 @@ mod bodies;
 mod common;
 mod derivatives;
 mod failures;
+mod grids;
 mod invariance;
 mod steps;

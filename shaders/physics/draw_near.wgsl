@@ -1,0 +1,32 @@
+// Springs from nodes to their targets, with a limit: written into the external forces, on top of
+// what acts there anyway.
+
+#import lib/array
+
+struct DrawParams {
+    count: u32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+// Number of each node drawn.
+@group(0) @binding(1) var numbers: texture_2d<u32>;
+// Its target in local units; w: stiffness in newtons a local unit.
+@group(0) @binding(2) var targets: texture_2d<f32>;
+// The forces that act anyway, N; w: the largest force of the spring, N.
+@group(0) @binding(3) var loads: texture_2d<f32>;
+@group(0) @binding(4) var external_forces: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(5) var<uniform> params: DrawParams;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let n = item(id, groups);
+    if n >= params.count {
+        return;
+    }
+    let i = textureLoad(numbers, at(n), 0).x;
+    let to = textureLoad(targets, at(n), 0);
+    let load = textureLoad(loads, at(n), 0);
+    let pull = to.w * (to.xyz - textureLoad(positions, at(i), 0).xyz);
+    let limited = pull * min(1.0, load.w / max(length(pull), 1e-30));
+    textureStore(external_forces, at(i), vec4(load.xyz + limited, 0.0));
+}

@@ -1,0 +1,81 @@
+// One step of Verlet on a grid of particles with implicit connections: forces of the 18
+// neighbours, the next position, and on request the approximate normal, in one pass (Mosegaard,
+// Herborg & Sørensen 2005, section 2.3). The twin of `reference::grid`.
+
+#import lib/array
+#import lib/normals
+
+// Whether normals are written; whether the external forces are read.
+override NORMALS: bool = false;
+override EXTERNAL: bool = false;
+
+struct GridParams {
+    // Of each kind of spring: the step to the neighbour's number (bits of an i32), the rest
+    // length in local units, h² κ / m of the mean particle.
+    springs: array<vec4<f32>, 9>,
+    // h² g in local units; w: h² / (m L), from newtons to local units.
+    pull: vec4<f32>,
+    count: u32,
+    // (1 - γh/2) / (1 + γh/2) and 1 / (1 + γh/2), γ the rate of damping.
+    kept: f32,
+    gain: f32,
+    // Normals shorter than this are none.
+    least_normal: f32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var previous: texture_2d<f32>;
+// Number, springs (bit 2k forward along kind k, 2k + 1 back), inverse mass over the mean's.
+@group(0) @binding(2) var particles: texture_2d<u32>;
+@group(0) @binding(3) var external_forces: texture_2d<f32>;
+@group(0) @binding(4) var next: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(5) var normals: texture_storage_2d<r32uint, write>;
+@group(0) @binding(6) var<uniform> params: GridParams;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let n = item(id, groups);
+    if n >= params.count {
+        return;
+    }
+    let particle = textureLoad(particles, at(n), 0);
+    let i = particle.x;
+    let springs = particle.y;
+    let here = textureLoad(positions, at(i), 0);
+    let x = here.xyz;
+    // w is the stiffness of the particle over the body's; a spring has the mean of its ends'.
+    let k = here.w;
+    var f = vec3(0.0);
+    var normal = vec3(0.0);
+    for (var kind = 0u; kind < 9u; kind++) {
+        let spring = params.springs[kind];
+        let step = bitcast<i32>(spring.x);
+        for (var back = 0u; back < 2u; back++) {
+            if ((springs >> (2u * kind + back)) & 1u) == 0u {
+                continue;
+            }
+            let j = u32(i32(i) + select(step, -step, back == 1u));
+            let there = textureLoad(positions, at(j), 0);
+            let d = there.xyz - x;
+            let l2 = dot(d, d);
+            let over = select(0.0, inverseSqrt(l2), l2 > 0.0);
+            f += (0.5 * (k + there.w) * spring.z * (1.0 - spring.y * over)) * d;
+            if NORMALS {
+                normal -= over * d;
+            }
+        }
+    }
+    let inverse_mass = bitcast<f32>(particle.z);
+    var move_ = inverse_mass * f + params.pull.xyz;
+    if EXTERNAL {
+        move_ += inverse_mass * params.pull.w * textureLoad(external_forces, at(i), 0).xyz;
+    }
+    let before = textureLoad(previous, at(i), 0).xyz;
+    let step = params.kept * (x - before) + params.gain * move_;
+    // A pinned particle has no inverse mass.
+    textureStore(next, at(i), vec4(x + select(vec3(0.0), step, inverse_mass != 0.0), k));
+    if NORMALS {
+        let long = dot(normal, normal) >= params.least_normal * params.least_normal;
+        textureStore(normals, at(i), vec4(select(NO_NORMAL, pack_normal(normal), long), 0u, 0u, 0u));
+    }
+}

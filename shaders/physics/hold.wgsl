@@ -1,0 +1,22 @@
+// Nodes that follow a target exactly: written where it wants them, after every step.
+
+#import lib/array
+
+struct HoldParams {
+    count: u32,
+}
+
+// Number of each node held (bits of a u32), and where it is to be, in local units.
+@group(0) @binding(0) var numbers: texture_2d<u32>;
+@group(0) @binding(1) var places: texture_2d<f32>;
+@group(0) @binding(2) var next: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(3) var<uniform> params: HoldParams;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let n = item(id, groups);
+    if n >= params.count {
+        return;
+    }
+    textureStore(next, at(textureLoad(numbers, at(n), 0).x), textureLoad(places, at(n), 0));
+}

@@ -1,0 +1,278 @@
+//! A grid body on the GPU: its state, what holds it and what acts on it.
+
+use super::model::GridModel;
+use super::verlet::{Prepared, Turn};
+use crate::gpu::{Array, Gpu, Texel};
+use crate::mesh::{NO_NORMAL, TetMesh, pack_normal};
+use crate::physics::Nodes;
+use crate::{Error, Result};
+use glam::{DVec3, Vec3};
+
+/// A [`GridModel`] on the GPU. Node i of [`GridBody::nodes`] is particle i of its shape.
+#[derive(Debug)]
+pub struct GridBody {
+    pub(super) gpu: Gpu,
+    pub(super) model: GridModel,
+    mesh: TetMesh,
+    /// Its array is the first of the three.
+    pub(super) nodes: Nodes,
+    pub(super) positions: [Array; 3],
+    pub(super) normals: Array,
+    pub(super) particles: Array,
+    pub(super) external: Array,
+    pub(super) velocities: Array,
+    /// Copies of the positions to fall back to.
+    pub(super) backup: [Array; 2],
+    pub(super) status: wgpu::Buffer,
+    pub(super) turn: Turn,
+    pub(super) mean_mass: f64,
+    pub(super) gravity: DVec3,
+    forces: Vec<[f32; 4]>,
+    pub(super) forced: bool,
+    pinned: Vec<bool>,
+    /// The step by which `before` lies back; none where it is to be made from the velocities.
+    pub(super) lag: Option<f64>,
+    dirty: bool,
+    pub(super) prepared: Option<Prepared>,
+    pub(super) steps: u64,
+    pub(super) time: f64,
+}
+
+impl GridBody {
+    /// The body of `model`, at rest.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when it does not fit the device; [`Error::Input`] when no cell is whole.
+    pub fn new(gpu: &Gpu, model: GridModel) -> Result<GridBody> {
+        let mesh = model.shape.mesh(&model.springs)?;
+        let nodes = Nodes::new(gpu, &mesh)?;
+        let rest: Vec<[f32; 4]> = mesh
+            .nodes
+            .iter()
+            .zip(&model.factors)
+            .map(|(p, k)| model.frame.to_local(*p).extend(*k as f32).to_array())
+            .collect();
+        gpu.write_array(nodes.array(), &rest)?;
+        let total = rest.len();
+        let [before, next] = [
+            gpu.array_of("positions before", Texel::F32x4, &rest)?,
+            gpu.array_of("next positions", Texel::F32x4, &rest)?,
+        ];
+        let count = model.shape.count();
+        let mass: f64 = model.masses.iter().sum();
+        let body = GridBody {
+            gpu: gpu.clone(),
+            positions: [nodes.array().clone(), before, next],
+            normals: gpu.array_of("approximate normals", Texel::U32, &rest_normals(&model))?,
+            particles: gpu.array("particles", Texel::U32x4, count)?,
+            external: gpu.array("external forces", Texel::F32x4, total)?,
+            velocities: gpu.array("velocities", Texel::F32x4, total)?,
+            backup: [
+                gpu.array("backup", Texel::F32x4, total)?,
+                gpu.array("backup before", Texel::F32x4, total)?,
+            ],
+            status: gpu.buffer("grid status", 16)?,
+            turn: Turn::FIRST,
+            mean_mass: mass / count as f64,
+            gravity: DVec3::ZERO,
+            forces: vec![[0.0; 4]; total],
+            forced: false,
+            pinned: vec![false; total],
+            lag: None,
+            dirty: true,
+            prepared: None,
+            steps: 0,
+            time: 0.0,
+            model,
+            mesh,
+            nodes,
+        };
+        body.write_loads()?;
+        Ok(body)
+    }
+
+    /// Its particles and springs.
+    pub fn model(&self) -> &GridModel {
+        &self.model
+    }
+
+    /// The tets over its full cells, at rest: to be drawn at the positions of [`GridBody::nodes`].
+    pub fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    /// The positions, for drawing. Their fourth component is the particle's relative stiffness.
+    pub fn nodes(&self) -> &Nodes {
+        &self.nodes
+    }
+
+    /// The approximate normals of the particles after the last step, packed (see
+    /// [`pack_normal`](crate::mesh::pack_normal)).
+    pub fn normals(&self) -> &Array {
+        &self.normals
+    }
+
+    /// Pins the particles listed; numbers that the body has not are passed over. Returns how many
+    /// are pinned now.
+    pub fn pin_nodes(&mut self, particles: &[u32]) -> usize {
+        for i in particles.iter().map(|i| *i as usize) {
+            if self.model.shape.regions.get(i).is_some_and(|r| *r != 0) {
+                self.pinned[i] = true;
+            }
+        }
+        self.dirty = true;
+        self.pinned.iter().filter(|p| **p).count()
+    }
+
+    /// Which particles are pinned.
+    pub fn pinned(&self) -> &[bool] {
+        &self.pinned
+    }
+
+    /// Sets gravity, m/s² along the file's axes.
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.gravity = gravity;
+        self.prepared = None;
+    }
+
+    /// Sets the rate of damping γ, 1/s.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a rate that is negative or not finite.
+    pub fn set_damping(&mut self, rate: f64) -> Result<()> {
+        if !(rate.is_finite() && rate >= 0.0) {
+            return Err(Error::Input(format!(
+                "a damping rate of {rate} 1/s makes no sense; give 0 or more"
+            )));
+        }
+        self.model.damping = rate;
+        self.prepared = None;
+        Ok(())
+    }
+
+    /// Sets the external force on every particle, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
+        let forced = forces.iter().any(|f| *f != DVec3::ZERO);
+        if forced != self.forced {
+            self.prepared = None;
+        }
+        self.forced = forced;
+        self.write_loads()
+    }
+
+    /// Moves the particles to `positions` in file units, at rest there.
+    ///
+    /// # Errors
+    /// As [`Nodes::set_positions`].
+    pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        let frame = self.nodes.frame();
+        let mut local = self
+            .nodes
+            .check("positions", positions, |p| frame.to_local(p))?;
+        for (p, k) in local.iter_mut().zip(&self.model.factors) {
+            p[3] = *k as f32;
+        }
+        for array in &self.positions {
+            self.gpu.write_array(array, &local)?;
+        }
+        self.turn = Turn::FIRST;
+        self.set_velocities(&vec![DVec3::ZERO; local.len()])?;
+        self.nodes.mark_moved();
+        Ok(())
+    }
+
+    /// Sets the velocities in file units a second.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of velocities or one that is not finite.
+    pub fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        let scale = self.model.frame.scale;
+        let local = self
+            .nodes
+            .check("velocities", velocities, |v| (v / scale).as_vec3())?;
+        self.gpu.write_array(&self.velocities, &local)?;
+        self.lag = None;
+        Ok(())
+    }
+
+    /// Positions of all particles in file units, read back; those that the body has not are
+    /// where they were put at the start.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`].
+    pub fn positions(&self) -> Result<Vec<DVec3>> {
+        self.nodes.positions()
+    }
+
+    /// Velocities over the last step in file units a second, read back.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`].
+    pub fn velocities(&self) -> Result<Vec<DVec3>> {
+        let vectors = |array: &Array| -> Result<Vec<DVec3>> {
+            let read: Vec<[f32; 4]> = self.gpu.read_array(array)?;
+            Ok(read
+                .iter()
+                .map(|p| Vec3::new(p[0], p[1], p[2]).as_dvec3() * self.model.frame.scale)
+                .collect())
+        };
+        let Some(lag) = self.lag else {
+            return vectors(&self.velocities);
+        };
+        let now = vectors(&self.positions[self.turn.now])?;
+        let before = vectors(&self.positions[self.turn.before])?;
+        Ok(now
+            .iter()
+            .zip(before)
+            .map(|(a, b)| (*a - b) / lag)
+            .collect())
+    }
+
+    /// Steps completed, and simulated time in seconds.
+    pub fn clock(&self) -> (u64, f64) {
+        (self.steps, self.time)
+    }
+
+    /// Writes what acts on the particles.
+    fn write_loads(&self) -> Result<()> {
+        self.gpu.write_array(&self.external, &self.forces)
+    }
+
+    /// Writes numbers, springs and inverse masses, if any have changed.
+    pub(super) fn flush(&mut self) -> Result<()> {
+        if !self.dirty {
+            return Ok(());
+        }
+        let particles: Vec<[u32; 4]> = self
+            .model
+            .shape
+            .particles()
+            .map(|i| {
+                let inverse = match self.pinned[i] {
+                    true => 0.0,
+                    false => (self.mean_mass / self.model.masses[i]) as f32,
+                };
+                [i as u32, self.model.springs[i], inverse.to_bits(), 0]
+            })
+            .collect();
+        self.gpu.write_array(&self.particles, &particles)?;
+        self.dirty = false;
+        Ok(())
+    }
+}
+
+/// The approximate normals at rest, packed.
+fn rest_normals(model: &GridModel) -> Vec<u32> {
+    let of = |i: usize| match model.shape.regions[i] {
+        0 => NO_NORMAL,
+        _ => model
+            .shape
+            .rest_normal(model.springs[i])
+            .map_or(NO_NORMAL, pack_normal),
+    };
+    (0..model.springs.len()).map(of).collect()
+}

@@ -1,0 +1,186 @@
+//! The masses and springs of a grid body, in float64 and SI units.
+
+use super::shape::{GridShape, SPRING_KINDS, STEPS};
+use crate::mesh::LocalFrame;
+use crate::physics::{Material, RegionMaterial, Stiffness};
+use crate::reference::grid::GridTwin;
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Particles of a [`GridShape`] made of a material.
+#[derive(Clone, Debug)]
+pub struct GridModel {
+    /// The particles.
+    pub shape: GridShape,
+    /// The springs of each particle; see [`GridShape::springs`].
+    pub springs: Vec<u32>,
+    /// Mass of each particle, kg; 0 for those that the body has not.
+    pub masses: Vec<f64>,
+    /// κ of the springs of each kind, N/m: a spring pulls with κ (l − L).
+    ///
+    /// Equation 2 of the paper assumes a spacing of 1 and carries ½k; κ is that ½k.
+    pub stiffness: [f64; SPRING_KINDS],
+    /// Stiffness of each particle over the body's; a spring has the mean of its ends'.
+    pub factors: Vec<f64>,
+    /// The frame that the GPU's positions are in.
+    pub frame: LocalFrame,
+    /// Metres in a file unit.
+    pub length_unit: f64,
+    /// Rate of damping γ, 1/s: every particle is braked by γ m v.
+    pub damping: f64,
+}
+
+impl GridModel {
+    /// The model of `shape` made of `material`. Each particle has the mass of one cell.
+    ///
+    /// Of Young's modulus: κ by kind such that the grid is isotropic with that modulus and a
+    /// Poisson ratio of ¼, whatever its spacing; with equal spacing s, all κ are 0.4 E s. Of a
+    /// uniform stiffness, all κ are that. `damping_time`, `damping` and `node_field` of the
+    /// material do not apply here; `regions` do, by the particles' regions.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a material that makes no sense, or a spacing too unequal for
+    /// Young's modulus.
+    pub fn new(shape: GridShape, material: &Material) -> Result<GridModel> {
+        material.check()?;
+        let unit = material.length_unit;
+        let cell = (shape.spacing * unit).to_array().iter().product::<f64>();
+        let (Stiffness::Young(common) | Stiffness::Uniform(common)) = material.stiffness;
+        let rest = RegionMaterial {
+            stiffness: common,
+            density: material.density,
+        };
+        let of = |region: u16| {
+            let known = material.regions.get(&i64::from(region));
+            known.copied().unwrap_or(rest)
+        };
+        // Where regions have the only stiffnesses, their first stands for the body's.
+        let body = match common > 0.0 {
+            true => common,
+            false => material
+                .regions
+                .values()
+                .map(|r| r.stiffness)
+                .fold(0.0, f64::max),
+        };
+        let stiffness = match material.stiffness {
+            Stiffness::Uniform(_) => [body; SPRING_KINDS],
+            Stiffness::Young(_) => isotropic(shape.spacing * unit, body)?,
+        };
+        let over = |k: f64| if body > 0.0 { k / body } else { 0.0 };
+        let masses: Vec<f64> = shape
+            .regions
+            .iter()
+            .map(|r| if *r == 0 { 0.0 } else { of(*r).density * cell })
+            .collect();
+        if !masses.iter().all(|m| m.is_finite()) || !stiffness.iter().all(|k| k.is_finite()) {
+            return Err(Error::Input(format!(
+                "the masses or stiffnesses of this grid overflow with a length unit of {unit} m; is that the grid's unit?"
+            )));
+        }
+        Ok(GridModel {
+            springs: shape.springs(),
+            masses,
+            stiffness,
+            factors: shape
+                .regions
+                .iter()
+                .map(|r| if *r == 0 { 0.0 } else { over(of(*r).stiffness) })
+                .collect(),
+            frame: shape.frame(),
+            length_unit: unit,
+            damping: 1.0,
+            shape,
+        })
+    }
+
+    /// A step that is surely stable, in seconds: h = 2/ω, with ω² at most twice the largest sum
+    /// of κ/m around a particle (Gershgorin). The true limit is a little larger.
+    pub fn stable_step(&self) -> f64 {
+        let worst = self
+            .shape
+            .particles()
+            .map(|i| {
+                let springs = self.springs[i];
+                let count = |k: usize| f64::from((springs >> (2 * k) & 3).count_ones());
+                let sum: f64 = (0..SPRING_KINDS)
+                    .map(|k| count(k) * self.stiffness[k])
+                    .sum();
+                // A neighbour may be stiffer than the particle itself.
+                let stiffest = self.stiffest_around(i, springs);
+                2.0 * 0.5 * (self.factors[i] + stiffest) * sum / self.masses[i]
+            })
+            .fold(0.0, f64::max);
+        if worst > 0.0 {
+            2.0 / worst.sqrt()
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    fn stiffest_around(&self, i: usize, springs: u32) -> f64 {
+        let offsets = self.shape.offsets();
+        (0..2 * SPRING_KINDS)
+            .filter(|bit| springs >> bit & 1 == 1)
+            .map(|bit| {
+                let step = if bit % 2 == 0 { 1 } else { -1 } * offsets[bit / 2];
+                self.factors[(i as i64 + step) as usize]
+            })
+            .fold(self.factors[i], f64::max)
+    }
+
+    /// The particles at rest in float64, in metres from the frame's origin: what the GPU is held
+    /// against.
+    pub fn twin(&self) -> GridTwin {
+        let x: Vec<DVec3> = (0..self.shape.regions.len())
+            .map(|i| (self.shape.place(i) - self.frame.origin) * self.length_unit)
+            .collect();
+        GridTwin {
+            previous: x.clone(),
+            springs: self.springs.clone(),
+            inverse_masses: self
+                .masses
+                .iter()
+                .map(|m| if *m > 0.0 { 1.0 / m } else { 0.0 })
+                .collect(),
+            factors: self.factors.clone(),
+            forces: vec![DVec3::ZERO; x.len()],
+            offsets: self.shape.offsets(),
+            lengths: self.shape.rest_lengths().map(|l| l * self.length_unit),
+            stiffness: self.stiffness,
+            gravity: DVec3::ZERO,
+            damping: self.damping,
+            particles: self.shape.particles().map(|i| i as u32).collect(),
+            x,
+        }
+    }
+}
+
+/// κ of every kind for Young's modulus `young` at a spacing in metres: the springs' stiffness
+/// tensor is then λ = μ = young / 2.5 in all directions.
+fn isotropic(spacing: DVec3, young: f64) -> Result<[f64; SPRING_KINDS]> {
+    let mu = young / 2.5;
+    let s = spacing.to_array();
+    let mut stiffness = [0.0; SPRING_KINDS];
+    for (k, step) in STEPS.iter().enumerate() {
+        let along: Vec<usize> = (0..3).filter(|a| step[*a] != 0).collect();
+        stiffness[k] = match along.as_slice() {
+            [a] => {
+                let [b, c] = [(a + 1) % 3, (a + 2) % 3];
+                let ratio = |o: usize| (s[*a] / s[o]).powi(2);
+                mu * s[b] * s[c] / s[*a] * (3.0 - ratio(b) - ratio(c))
+            }
+            [a, b] => {
+                let c = 3 - a - b;
+                mu * s[c] * (s[*a] * s[*a] + s[*b] * s[*b]) / (2.0 * s[*a] * s[*b])
+            }
+            _ => 0.0,
+        };
+    }
+    match stiffness.iter().all(|k| *k >= 0.0) {
+        true => Ok(stiffness),
+        false => Err(Error::Input(format!(
+            "springs along a grid with a spacing of {spacing} m cannot be as stiff in all directions; give lengths that differ less (by a factor of 1.2, or of 1.7 for one shorter axis), or one stiffness for all springs"
+        ))),
+    }
+}

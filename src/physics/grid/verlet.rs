@@ -1,0 +1,295 @@
+//! Verlet on a grid body, with three arrays of positions in turn: the step before, the last, the
+//! next.
+
+use super::body::GridBody;
+use super::shape::LEAST_NORMAL;
+use crate::gpu::{Array, Pass, Recorder};
+use crate::{Error, Result};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/physics/grid_verlet.wgsl`.
+        pub struct GridParams {
+            pub springs: [[f32; 4]; 9],
+            pub pull: [f32; 4],
+            pub count: u32,
+            pub kept: f32,
+            pub gain: f32,
+            pub least_normal: f32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/grid_start.wgsl`.
+        pub struct StartParams {
+            pub count: u32,
+            pub ratio: f32,
+            pub h: f32,
+            pub _pad0: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/grid_check.wgsl`.
+        pub struct GridCheckParams {
+            pub count: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/grid_check.wgsl`.
+        pub struct GridStatus {
+            pub lost: f32,
+            pub motion: f32,
+            pub reach: f32,
+            pub _pad0: u32,
+        }
+    }
+}
+use gpu_data::{GridCheckParams, GridParams, GridStatus, StartParams};
+
+/// A body farther than this from the middle of its frame, in its own sizes, has run away.
+const FARTHEST: f32 = 1e4;
+
+/// Steps in one submit.
+const STEPS_A_SUBMIT: u32 = 256;
+
+/// Which of the three arrays of positions hold the last step, and the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Turn {
+    pub now: usize,
+    pub before: usize,
+}
+
+impl Turn {
+    pub const FIRST: Turn = Turn { now: 0, before: 1 };
+
+    /// The array that is free.
+    fn next(self) -> usize {
+        3 - self.now - self.before
+    }
+
+    fn step(self) -> Turn {
+        Turn {
+            now: self.next(),
+            before: self.now,
+        }
+    }
+}
+
+/// What the passes were prepared for.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    dt: f64,
+    /// For each turn: the step, and the step that writes normals too.
+    steps: Vec<(Turn, [Pass; 2])>,
+}
+
+impl GridBody {
+    /// Runs `steps` steps of Verlet of `dt` seconds, and looks whether all is well.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a step that makes no sense; [`Error::Solver`] when particles were
+    /// lost: the body stands where it was before the last run of at most 256 steps.
+    pub fn run(&mut self, steps: u32, dt: f64) -> Result<()> {
+        let mut left = steps;
+        while left > 0 {
+            let some = left.min(STEPS_A_SUBMIT);
+            let kept = (self.turn, self.lag, self.steps, self.time);
+            let mut work = self.gpu.record();
+            for (backup, n) in self.backup.iter().zip([kept.0.now, kept.0.before]) {
+                copy(&mut work, &self.positions[n], backup);
+            }
+            self.record(&mut work, some, dt)?;
+            self.check(&mut work)?;
+            work.submit()?;
+            let status: Vec<GridStatus> = self.gpu.read_buffer(&self.status)?;
+            let fine = status
+                .first()
+                .is_some_and(|s| s.lost == 0.0 && s.reach < FARTHEST * FARTHEST);
+            if !fine {
+                let mut work = self.gpu.record();
+                (self.turn, self.lag, self.steps, self.time) = kept;
+                for (backup, n) in self.backup.iter().zip([kept.0.now, kept.0.before]) {
+                    copy(&mut work, backup, &self.positions[n]);
+                }
+                work.submit()?;
+                return Err(self.failure(some, dt));
+            }
+            left -= some;
+        }
+        Ok(())
+    }
+
+    /// Records `steps` steps of Verlet of `dt` seconds; the last writes the normals. Nothing is
+    /// checked or read back.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a step that makes no sense, [`Error::Gpu`] when the device refuses.
+    pub fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Err(Error::Input(format!(
+                "a time step of {dt} s makes no sense; give a positive number of seconds"
+            )));
+        }
+        if steps == 0 {
+            return Ok(());
+        }
+        self.flush()?;
+        let known = self.prepared.take().filter(|p| p.dt == dt);
+        let prepared = match known {
+            Some(prepared) => prepared,
+            None => self.prepare(dt)?,
+        };
+        let mut first = false;
+        if self.lag != Some(dt) {
+            first = self.lag.is_none();
+            self.start(dt)?.record(work);
+            // The start is written into the free array, in place of the position before.
+            self.turn.before = self.turn.next();
+        }
+        self.lag = Some(dt);
+        for step in 0..steps {
+            let turn = self.turn;
+            if first && step == 0 {
+                // Made for this turn alone.
+                self.step_pass(dt, turn, steps == 1, 0.5)?.record(work);
+            } else if let Some((_, passes)) = prepared.steps.iter().find(|s| s.0 == turn) {
+                passes[usize::from(step + 1 == steps)].record(work);
+            }
+            self.turn = turn.step();
+        }
+        self.bring_home(work);
+        self.prepared = Some(prepared);
+        self.steps += u64::from(steps);
+        self.time += f64::from(steps) * dt;
+        self.nodes.mark_moved();
+        Ok(())
+    }
+
+    /// Brings the last positions into the array that others know.
+    fn bring_home(&mut self, work: &mut Recorder) {
+        let Turn { now, before } = self.turn;
+        if now == 0 {
+            return;
+        }
+        if before == 0 {
+            let free = self.turn.next();
+            copy(work, &self.positions[0], &self.positions[free]);
+            self.turn.before = free;
+        }
+        copy(work, &self.positions[now], &self.positions[0]);
+        self.turn.now = 0;
+    }
+
+    fn prepare(&self, dt: f64) -> Result<Prepared> {
+        let turns = (0..3).flat_map(|now| {
+            let others = (0..3).filter(move |before| *before != now);
+            others.map(move |before| Turn { now, before })
+        });
+        let steps = turns
+            .map(|turn| {
+                let pass = |normals| self.step_pass(dt, turn, normals, 1.0);
+                Ok((turn, [pass(false)?, pass(true)?]))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Prepared { dt, steps })
+    }
+
+    /// The pass of a step: `share` of the acceleration acts.
+    fn step_pass(&self, dt: f64, turn: Turn, normals: bool, share: f64) -> Result<Pass> {
+        let model = &self.model;
+        let length = model.frame.scale * model.length_unit;
+        let gain = 1.0 / (1.0 + 0.5 * model.damping * dt);
+        let rate = share * dt * dt / self.mean_mass;
+        let offsets = model.shape.offsets();
+        let lengths = model.shape.rest_lengths();
+        let springs = std::array::from_fn(|k| {
+            [
+                f32::from_bits(offsets[k] as i32 as u32),
+                (lengths[k] / model.frame.scale) as f32,
+                (rate * model.stiffness[k]) as f32,
+                0.0,
+            ]
+        });
+        let gravity = (share * dt * dt / length * self.gravity).as_vec3();
+        let params = GridParams {
+            springs,
+            pull: gravity.extend((rate / length) as f32).to_array(),
+            count: self.particles.len(),
+            kept: ((1.0 - 0.5 * model.damping * dt) * gain) as f32,
+            gain: gain as f32,
+            least_normal: LEAST_NORMAL as f32,
+        };
+        let flag = |on: bool| f64::from(u8::from(on));
+        self.gpu
+            .pass("physics/grid_verlet")
+            .constant("NORMALS", flag(normals))
+            .constant("EXTERNAL", flag(self.forced))
+            .read(&self.positions[turn.now])
+            .read(&self.positions[turn.before])
+            .read(&self.particles)
+            .read(&self.external)
+            .write(&self.positions[turn.next()])
+            .write(&self.normals)
+            .params(&params)
+            .over(self.particles.len())
+    }
+
+    /// The pass that makes the position before the first step of `dt`.
+    fn start(&self, dt: f64) -> Result<Pass> {
+        let params = StartParams {
+            count: self.particles.len(),
+            ratio: self.lag.map_or(0.0, |lag| dt / lag) as f32,
+            // Such that the first step, with its damping, is exact to second order.
+            h: match self.lag {
+                None => (dt * (1.0 + 0.5 * self.model.damping * dt)) as f32,
+                Some(_) => 0.0,
+            },
+            _pad0: 0,
+        };
+        self.gpu
+            .pass("physics/grid_start")
+            .read(&self.positions[self.turn.now])
+            .read(&self.positions[self.turn.before])
+            .read(&self.velocities)
+            .read(&self.particles)
+            .write(&self.positions[self.turn.next()])
+            .params(&params)
+            .over(self.particles.len())
+    }
+
+    fn check(&self, work: &mut Recorder) -> Result<()> {
+        let params = GridCheckParams {
+            count: self.particles.len(),
+        };
+        self.gpu
+            .pass("physics/grid_check")
+            .read(&self.positions[self.turn.now])
+            .read(&self.positions[self.turn.before])
+            .read(&self.particles)
+            .write(&self.status)
+            .params(&params)
+            .over_groups([1, 1, 1])?
+            .record(work);
+        Ok(())
+    }
+
+    fn failure(&self, steps: u32, dt: f64) -> Error {
+        let stable = self.model.stable_step();
+        let advice = match dt > stable {
+            true => format!("use --dt {stable:.3e} or less"),
+            false => "the forces on it are too large, or its particles were moved too far".into(),
+        };
+        Error::Solver {
+            solver: "verlet on the grid",
+            step: self.steps + u64::from(steps),
+            time: self.time,
+            what: "particles flew apart in the steps before".into(),
+            advice,
+        }
+    }
+}
+
+fn copy(work: &mut Recorder, from: &Array, to: &Array) {
+    let (from, to) = (from.texture(), to.texture());
+    work.encoder()
+        .copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), from.size());
+}
