@@ -49,20 +49,19 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var normal = vec3(0.0);
     for (var kind = 0u; kind < 9u; kind++) {
         let spring = params.springs[kind];
-        let step = bitcast<i32>(spring.x);
-        for (var back = 0u; back < 2u; back++) {
-            if ((springs >> (2u * kind + back)) & 1u) == 0u {
-                continue;
-            }
-            let j = u32(i32(i) + select(step, -step, back == 1u));
-            let there = textureLoad(positions, at(j), 0);
-            let d = there.xyz - x;
-            let l2 = dot(d, d);
-            let over = select(0.0, inverseSqrt(l2), l2 > 0.0);
-            f += (0.5 * (k + there.w) * spring.z * (1.0 - spring.y * over)) * d;
-            if NORMALS {
-                normal -= over * d;
-            }
+        let step = bitcast<u32>(spring.x);
+        // What is there in place of a neighbour that is not, or a spring that was cut, counts 0.
+        let there = vec2<f32>((vec2(springs) >> vec2(2u * kind, 2u * kind + 1u)) & vec2(1u));
+        let ahead = textureLoad(positions, at(i + step), 0);
+        let behind = textureLoad(positions, at(i - step), 0);
+        let d = ahead.xyz - x;
+        let e = behind.xyz - x;
+        let l2 = vec2(dot(d, d), dot(e, e));
+        let over = select(vec2(0.0), inverseSqrt(l2), l2 > vec2(0.0)) * there;
+        let pull = (0.5 * spring.z) * (vec2(k) + vec2(ahead.w, behind.w)) * (there - spring.y * over);
+        f += pull.x * d + pull.y * e;
+        if NORMALS {
+            normal -= over.x * d + over.y * e;
         }
     }
     let inverse_mass = bitcast<f32>(particle.z);
