@@ -68,11 +68,54 @@ fn point_segment_distance(p: DVec3, a: DVec3, b: DVec3) -> f64 {
     p.distance(a.lerp(b, along))
 }
 
+/// The weights of the corners at the point of the triangle `abc` that is nearest to `p`.
+///
+/// By the regions of Voronoi, as in Ericson, *Real-Time Collision Detection*, 5.1.5.
+pub(crate) fn nearest_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
+    let (ab, ac) = (b - a, c - a);
+    let (d1, d2) = (ab.dot(p - a), ac.dot(p - a));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
+    let (d3, d4) = (ab.dot(p - b), ac.dot(p - b));
+    if d3 >= 0.0 && d4 <= d3 {
+        return [0.0, 1.0, 0.0];
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        let v = d1 / (d1 - d3);
+        return [1.0 - v, v, 0.0];
+    }
+    let (d5, d6) = (ab.dot(p - c), ac.dot(p - c));
+    if d6 >= 0.0 && d5 <= d6 {
+        return [0.0, 0.0, 1.0];
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        let w = d2 / (d2 - d6);
+        return [1.0 - w, 0.0, w];
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+        let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return [0.0, 1.0 - w, w];
+    }
+    let all = va + vb + vc;
+    // A flat triangle in no region: any corner is as good.
+    if all > 0.0 {
+        [va / all, vb / all, vc / all]
+    } else {
+        [1.0, 0.0, 0.0]
+    }
+}
+
 /// Boxes around halves of halves of some triangles.
 #[derive(Debug)]
 pub(crate) struct Tree {
     /// The triangles, in the order of the leaves.
     pub triangles: Vec<[DVec3; 3]>,
+    /// The number that each had when the tree was made.
+    pub numbers: Vec<u32>,
     /// Box 0 holds all; a leaf's `right` is 0.
     pub boxes: Vec<TreeBox>,
 }
@@ -94,15 +137,50 @@ impl TreeBox {
 }
 
 impl Tree {
-    pub fn new(mut triangles: Vec<[DVec3; 3]>) -> Tree {
+    pub fn new(triangles: Vec<[DVec3; 3]>) -> Tree {
         let mut boxes = Vec::new();
-        let end = triangles.len();
-        build(&mut triangles, (0, end), &mut boxes);
-        Tree { triangles, boxes }
+        let mut numbered: Vec<(u32, [DVec3; 3])> = (0..).zip(triangles).collect();
+        let end = numbered.len();
+        build(&mut numbered, (0, end), &mut boxes);
+        let (numbers, triangles) = numbered.into_iter().unzip();
+        Tree {
+            triangles,
+            numbers,
+            boxes,
+        }
     }
 
     /// Distance from `p` to the nearest triangle; infinite when there is none.
     pub fn distance(&self, p: DVec3) -> f64 {
+        let mut nearest = f64::INFINITY;
+        self.descend(p, |t| {
+            nearest = nearest.min(point_triangle_distance(p, self.triangles[t]));
+            nearest
+        });
+        nearest
+    }
+
+    /// The number of the triangle nearest to `p`, and the weights of its corners at the nearest
+    /// point; of several the one with the lowest number. None when there is no triangle.
+    pub fn nearest(&self, p: DVec3) -> Option<(usize, [f64; 3])> {
+        let mut best: Option<(f64, u32, [f64; 3])> = None;
+        self.descend(p, |t| {
+            let [a, b, c] = self.triangles[t];
+            let w = nearest_weights(p, [a, b, c]);
+            let distance = p.distance(w[0] * a + w[1] * b + w[2] * c);
+            let better = best.is_none_or(|(least, number, _)| {
+                distance < least || (distance == least && self.numbers[t] < number)
+            });
+            if better {
+                best = Some((distance, self.numbers[t], w));
+            }
+            best.map_or(f64::INFINITY, |b| b.0)
+        });
+        best.map(|(_, number, w)| (number as usize, w))
+    }
+
+    /// Visits the triangles that may be nearer to `p` than what `visit` says is the nearest yet.
+    fn descend(&self, p: DVec3, mut visit: impl FnMut(usize) -> f64) {
         let mut nearest = f64::INFINITY;
         let mut stack = vec![(0, 0.0)];
         while let Some((index, at_least)) = stack.pop() {
@@ -113,9 +191,7 @@ impl Tree {
                 continue;
             }
             if node.right == 0 {
-                for triangle in &self.triangles[node.range.0..node.range.1] {
-                    nearest = nearest.min(point_triangle_distance(p, *triangle));
-                }
+                (node.range.0..node.range.1).for_each(|t| nearest = visit(t));
                 continue;
             }
             let mut halves =
@@ -123,15 +199,18 @@ impl Tree {
             halves.sort_by(|a, b| b.1.total_cmp(&a.1));
             stack.extend(halves);
         }
-        nearest
     }
 }
 
-fn build(triangles: &mut [[DVec3; 3]], (start, end): (usize, usize), boxes: &mut Vec<TreeBox>) {
+fn build(
+    triangles: &mut [(u32, [DVec3; 3])],
+    (start, end): (usize, usize),
+    boxes: &mut Vec<TreeBox>,
+) {
     let own = &mut triangles[start..end];
     let (low, high) = own
         .iter()
-        .flatten()
+        .flat_map(|(_, corners)| corners)
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
             (low.min(*p), high.max(*p))
         });
@@ -146,7 +225,7 @@ fn build(triangles: &mut [[DVec3; 3]], (start, end): (usize, usize), boxes: &mut
         return;
     }
     let axis = (high - low).max_position();
-    let centre = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
+    let centre = |(_, t): &(u32, [DVec3; 3])| t[0][axis] + t[1][axis] + t[2][axis];
     let half = (end - start) / 2;
     own.select_nth_unstable_by(half, |a, b| centre(a).total_cmp(&centre(b)));
     build(triangles, (start, start + half), boxes);
