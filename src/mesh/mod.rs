@@ -37,7 +37,7 @@ pub use quality::{
 pub use repair::Repairs;
 pub use surface_shape::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
-pub use tri_mesh::TriMesh;
+pub use tri_mesh::{NORMAL, TriMesh, UV};
 
 use crate::{Error, Result};
 use glam::DVec3;

@@ -149,15 +149,15 @@ impl TriMesh {
             }
             for t in sheet {
                 if flip[t] == Some(true) {
-                    self.triangles[t].swap(1, 2);
+                    self.turn(t);
                     turned += 1;
                 }
             }
         }
         // A surface whose outermost sheets all face inward was written inside out.
         if turned == 0 && self.volume() < 0.0 {
-            self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
             turned = self.triangles.len();
+            (0..turned).for_each(|t| self.turn(t));
         }
         turned
     }

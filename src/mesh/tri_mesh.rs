@@ -1,7 +1,13 @@
 //! Triangle meshes: surfaces as files hold them.
 
-use super::Field;
-use glam::DVec3;
+use super::{Field, Location};
+use glam::{DVec2, DVec3};
+
+/// Name of the field of texture coordinates: two numbers a vertex, or six a triangle, two for each
+/// corner, which may differ between the triangles at a vertex (a seam).
+pub const UV: &str = "uv";
+/// Name of the field of normals: three numbers a vertex, or nine a triangle, three for each corner.
+pub const NORMAL: &str = "normal";
 
 /// A triangle mesh with fields, in the units of the file it came from.
 ///
@@ -17,4 +23,97 @@ pub struct TriMesh {
     pub fields: Vec<Field>,
     /// What was repaired, dropped or noticed when it was read, a sentence each.
     pub notes: Vec<String>,
+}
+
+impl TriMesh {
+    /// The field called `name`, with `width` numbers a vertex or three times as many a triangle.
+    fn corner_field(&self, name: &str, width: usize) -> Option<&Field> {
+        self.fields.iter().find(|f| {
+            let items = match f.location {
+                Location::Node => self.vertices.len(),
+                Location::Cell => 3 * self.triangles.len(),
+            };
+            let components = match f.location {
+                Location::Node => width,
+                Location::Cell => 3 * width,
+            };
+            f.name.eq_ignore_ascii_case(name)
+                && f.components == components
+                && f.values.len() == items * width
+        })
+    }
+
+    /// The numbers of the corners of triangle `t` in such a field.
+    fn corner_values(&self, field: &Field, width: usize, t: usize) -> [[f64; 3]; 3] {
+        [0, 1, 2].map(|corner| {
+            let item = match field.location {
+                Location::Node => self.triangles[t][corner] as usize,
+                Location::Cell => 3 * t + corner,
+            };
+            let mut values = [0.0; 3];
+            values[..width].copy_from_slice(&field.values[width * item..width * (item + 1)]);
+            values
+        })
+    }
+
+    /// A scalar of the vertices, if there is one of that name.
+    pub fn vertex_scalar(&self, name: &str) -> Option<&[f64]> {
+        self.fields
+            .iter()
+            .find(|f| f.name == name && f.location == Location::Node && f.components == 1)
+            .map(|f| f.values.as_slice())
+            .filter(|v| v.len() == self.vertices.len())
+    }
+
+    /// Several scalars of the vertices side by side, as PLY has them.
+    fn beside<const N: usize>(&self, names: [&str; N]) -> Option<Vec<[[f64; N]; 3]>> {
+        let found = names.map(|n| self.vertex_scalar(n));
+        if found.iter().any(Option::is_none) {
+            return None;
+        }
+        let at = |v: u32| found.map(|f| f.map_or(0.0, |f| f[v as usize]));
+        Some(self.triangles.iter().map(|t| t.map(at)).collect())
+    }
+
+    /// Texture coordinates of the corners of every triangle: the field [`UV`], or the vertex
+    /// scalars `u` and `v`, or `s` and `t`.
+    pub fn corner_uvs(&self) -> Option<Vec<[DVec2; 3]>> {
+        if let Some(field) = self.corner_field(UV, 2) {
+            let of = |t| {
+                self.corner_values(field, 2, t)
+                    .map(|c| DVec2::new(c[0], c[1]))
+            };
+            return Some((0..self.triangles.len()).map(of).collect());
+        }
+        let pairs = [["u", "v"], ["s", "t"]];
+        let beside = pairs.into_iter().find_map(|names| self.beside(names))?;
+        Some(beside.into_iter().map(|c| c.map(DVec2::from)).collect())
+    }
+
+    /// Normals of the corners of every triangle, as the file has them: the field [`NORMAL`] (or
+    /// VTK's `Normals`), or the vertex scalars `nx`, `ny` and `nz`.
+    pub fn corner_normals(&self) -> Option<Vec<[DVec3; 3]>> {
+        let named = [NORMAL, "Normals"];
+        if let Some(field) = named.into_iter().find_map(|n| self.corner_field(n, 3)) {
+            let of = |t| self.corner_values(field, 3, t).map(DVec3::from);
+            return Some((0..self.triangles.len()).map(of).collect());
+        }
+        let beside = self.beside(["nx", "ny", "nz"])?;
+        Some(beside.into_iter().map(|c| c.map(DVec3::from)).collect())
+    }
+
+    /// Turns triangle `t` over; what its corners have goes with them.
+    pub(super) fn turn(&mut self, t: usize) {
+        self.triangles[t].swap(1, 2);
+        for name in [UV, NORMAL] {
+            for field in &mut self.fields {
+                let width = field.components / 3;
+                if field.name == name && field.location == Location::Cell {
+                    let own = &mut field.values[3 * width * t..3 * width * (t + 1)];
+                    let (second, third) = own[width..].split_at_mut(width);
+                    second.swap_with_slice(third);
+                }
+            }
+        }
+    }
 }

@@ -1,4 +1,5 @@
-//! Writers for surfaces: binary PLY with its scalar fields, OBJ, binary STL.
+//! Writers for surfaces: binary PLY with its scalar fields, OBJ with texture coordinates, binary
+//! STL.
 
 use crate::io::{atomic_write, extension};
 use crate::mesh::{Field, Location, TriMesh};
@@ -78,9 +79,18 @@ fn obj(surface: &TriMesh, file: &mut dyn Write) -> std::io::Result<()> {
     for p in &surface.vertices {
         writeln!(file, "v {} {} {}", p.x, p.y, p.z)?;
     }
-    for [a, b, c] in &surface.triangles {
-        let [a, b, c] = [a, b, c].map(|v| u64::from(*v) + 1);
-        writeln!(file, "f {a} {b} {c}")?;
+    let uvs = surface.corner_uvs();
+    for uv in uvs.iter().flatten().flatten() {
+        writeln!(file, "vt {} {}", uv.x, uv.y)?;
+    }
+    for (n, triangle) in surface.triangles.iter().enumerate() {
+        let [a, b, c] = triangle.map(|v| u64::from(v) + 1);
+        if uvs.is_some() {
+            let [x, y, z] = [1, 2, 3].map(|k| 3 * n as u64 + k);
+            writeln!(file, "f {a}/{x} {b}/{y} {c}/{z}")?;
+        } else {
+            writeln!(file, "f {a} {b} {c}")?;
+        }
     }
     Ok(())
 }
