@@ -2,6 +2,7 @@
 
 #import lib/array
 #import lib/view
+#import lib/light
 
 // Normals of nodes, or of faces.
 override SMOOTH: bool = true;
@@ -43,13 +44,6 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
 
 @fragment
 fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    // Towards the eye: the eye lies at z = -depth.w in camera space, or far back if orthographic.
-    let eye = vec3(0.0, 0.0, -params.depth.w);
-    let view = normalize(select(vec3(0.0, 0.0, -1.0), eye - corner.place, params.depth.z > 0.0));
     let normal = normalize(corner.normal) * select(-1.0, 1.0, front);
-    // A key light from above the viewer's left shoulder, and a weak one from the eye.
-    let key = normalize(vec3(-0.45, 0.65, -0.65));
-    let light = 0.18 + 0.62 * max(dot(normal, key), 0.0) + 0.2 * max(dot(normal, view), 0.0);
-    let shine = 0.12 * pow(max(dot(normal, normalize(key + view)), 0.0), 40.0);
-    return vec4(min(corner.colour * light + shine, vec3(1.0)), 1.0);
+    return vec4(lit(corner.colour, normal, towards_eye(params, corner.place)), 1.0);
 }

@@ -195,7 +195,7 @@ impl Gpu {
         Ok(())
     }
 
-    /// A zeroed buffer for storage, indirect arguments, copies and vertices.
+    /// A zeroed buffer for storage, indirect arguments, copies, vertices and indices.
     ///
     /// # Errors
     /// [`Error::Gpu`] when it exceeds the device's limits or memory.
@@ -207,6 +207,7 @@ impl Gpu {
                 usage: wgpu::BufferUsages::STORAGE
                     | wgpu::BufferUsages::INDIRECT
                     | wgpu::BufferUsages::VERTEX
+                    | wgpu::BufferUsages::INDEX
                     | wgpu::BufferUsages::COPY_SRC
                     | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,

@@ -194,6 +194,15 @@ impl Draw {
         pass.draw(0..vertices, 0..instances);
     }
 
+    /// Records a draw of the first `count` vertices listed in `indices`, u32 each; the shader sees
+    /// them as `vertex_index`.
+    pub fn record_indexed(&self, pass: &mut wgpu::RenderPass, indices: &wgpu::Buffer, count: u32) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.bind_group, &[]);
+        pass.set_index_buffer(indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..count, 0, 0..1);
+    }
+
     /// Records a draw whose four u32 arguments stand in `arguments` at byte `offset`.
     pub fn record_indirect(
         &self,

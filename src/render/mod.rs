@@ -23,3 +23,8 @@ pub use raycaster::{Mode, RaycastOptions, RaycastReport, Raycaster, Target, Walk
 pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
 pub use table::TableForm;
 pub use transfer::{ResolvedTransfer, TransferFunction};
+
+pub(crate) use peel::attachment;
+pub(crate) use surface::{averaged, depth_target};
+pub(crate) use tiles::draw_in_tiles;
+pub(crate) use view::{LocalView, View, Window};

@@ -282,7 +282,7 @@ fn kept(view: &wgpu::TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>>
 }
 
 /// A colour attachment that is stored.
-pub(super) fn attachment(
+pub(crate) fn attachment(
     view: &wgpu::TextureView,
     load: wgpu::LoadOp<wgpu::Color>,
 ) -> Option<wgpu::RenderPassColorAttachment<'_>> {

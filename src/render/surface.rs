@@ -145,7 +145,7 @@ impl Surface {
         Ok(Image {
             size,
             channels: 4,
-            values: averaged(&pixels, size),
+            values: averaged(&pixels, size, SAMPLES),
         })
     }
 
@@ -249,7 +249,8 @@ fn colours(geometry: &Geometry, scalars: &[f64], colour: &SurfaceColour) -> Vec<
     }
 }
 
-fn depth_target(gpu: &Gpu, size: [u32; 2]) -> wgpu::TextureView {
+/// A target for depths of `size` pixels, which can also be read.
+pub(crate) fn depth_target(gpu: &Gpu, size: [u32; 2]) -> wgpu::TextureView {
     let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
         label: Some("surface depth"),
         size: wgpu::Extent3d {
@@ -261,15 +262,15 @@ fn depth_target(gpu: &Gpu, size: [u32; 2]) -> wgpu::TextureView {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: DEPTH,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
         view_formats: &[],
     });
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// Averages the samples of each pixel.
-fn averaged(fine: &[[f32; 4]], size: [u32; 2]) -> Vec<f32> {
-    let (n, width) = (SAMPLES as usize, size[0] as usize);
+/// Averages the samples of each pixel of a picture of `size`, `samples` each way.
+pub(crate) fn averaged(fine: &[[f32; 4]], size: [u32; 2], samples: u32) -> Vec<f32> {
+    let (n, width) = (samples as usize, size[0] as usize);
     let pixel = |i: usize| {
         let (x, y) = (i % width * n, i / width * n);
         let mut sum = [0.0; 4];

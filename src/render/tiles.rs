@@ -12,7 +12,7 @@ const TILE: u32 = 1024;
 ///
 /// # Errors
 /// [`Error::Input`] for a side of 0 or beyond 65,536; otherwise what `draw` and reading back say.
-pub(super) fn draw_in_tiles(
+pub(crate) fn draw_in_tiles(
     gpu: &Gpu,
     size: [u32; 2],
     mut draw: impl FnMut(&wgpu::TextureView, Window) -> Result<()>,
