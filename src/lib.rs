@@ -16,6 +16,7 @@ pub mod physics;
 pub mod reference;
 pub mod render;
 pub mod scene;
+pub mod skin;
 pub mod volume;
 
 pub use error::{Error, Result};

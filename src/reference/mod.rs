@@ -2,6 +2,7 @@
 
 pub mod grid;
 mod ray_integral;
+pub mod skin;
 pub mod springs;
 pub mod steppers;
 mod tet_geometry;

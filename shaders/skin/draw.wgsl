@@ -1,0 +1,121 @@
+// A skin drawn from where its nodes are now; both sides are lit.
+
+#import lib/skin
+#import lib/view
+#import lib/light
+
+// Whether there is a tangent-space normal map.
+override NORMAL_MAP: bool = false;
+// Whether there is a height map.
+override HEIGHT_MAP: bool = false;
+// Whether only what lies behind `nearer` is drawn.
+override PEELED: bool = false;
+// Whether only what lies before `opaque_depth` is drawn.
+override OCCLUDED: bool = false;
+
+struct SkinParams {
+    view: View,
+    opacity: f32,
+    // How deep the height map goes, in texture units.
+    relief: f32,
+    _pad0: u32,
+    _pad1: u32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var node_normals: texture_2d<u32>;
+@group(0) @binding(2) var vertices: texture_2d<u32>;
+@group(0) @binding(3) var uvs: texture_2d<f32>;
+@group(0) @binding(4) var colours: texture_2d<f32>;
+@group(0) @binding(5) var normal_map: texture_2d<f32>;
+@group(0) @binding(6) var height_map: texture_2d<f32>;
+@group(0) @binding(7) var smooth_sampler: sampler;
+@group(0) @binding(8) var nearer: texture_depth_2d;
+@group(0) @binding(9) var opaque_depth: texture_depth_2d;
+@group(0) @binding(10) var<uniform> params: SkinParams;
+
+struct Corner {
+    @builtin(position) @invariant position: vec4<f32>,
+    // In camera space: where, which way is out, and along the first texture coordinate.
+    @location(0) place: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) tangent: vec4<f32>,
+    @location(3) colour: vec3<f32>,
+    @location(4) uv: vec2<f32>,
+}
+
+fn turned(v: vec3<f32>) -> vec3<f32> {
+    let view = params.view;
+    return vec3(dot(view.right.xyz, v), dot(view.up.xyz, v), dot(view.forward.xyz, v));
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> Corner {
+    let v = placed(index);
+    let q = to_camera(params.view, v.position);
+    return Corner(
+        to_clip(params.view, q),
+        q,
+        turned(v.normal),
+        vec4(turned(v.tangent.xyz), v.tangent.w),
+        textureLoad(colours, at(index), 0).rgb,
+        textureLoad(uvs, at(index), 0).xy,
+    );
+}
+
+// Rows of a picture run downwards, the second texture coordinate upwards.
+fn texel_at(uv: vec2<f32>) -> vec2<f32> {
+    return vec2(uv.x, 1.0 - uv.y);
+}
+
+fn depth_at(uv: vec2<f32>) -> f32 {
+    return 1.0 - textureSampleLevel(height_map, smooth_sampler, texel_at(uv), 0.0).r;
+}
+
+// Where the line of sight meets the relief, in texture coordinates: parallax by marching. `eye`
+// points to the eye, along tangent, bitangent and normal.
+const STEPS: u32 = 24u;
+fn sunk(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
+    let run = -eye.xy / max(eye.z, 0.15) * params.relief;
+    var before = 0.0;
+    var above = depth_at(uv);
+    for (var i = 1u; i <= STEPS; i++) {
+        let now = f32(i) / f32(STEPS);
+        let gap = depth_at(uv + now * run) - now;
+        if gap <= 0.0 {
+            // Linear between the two steps.
+            let share = above / max(above - gap, 1e-6);
+            return uv + mix(before, now, share) * run;
+        }
+        before = now;
+        above = gap;
+    }
+    return uv + run;
+}
+
+@fragment
+fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
+    let pixel = vec2<u32>(corner.position.xy);
+    if PEELED && corner.position.z >= textureLoad(nearer, pixel, 0) {
+        discard;
+    }
+    if OCCLUDED && corner.position.z < textureLoad(opaque_depth, pixel, 0) {
+        discard;
+    }
+    let eye = towards_eye(params.view, corner.place);
+    var normal = normalize(corner.normal);
+    let tangent = unit_or_zero(corner.tangent.xyz - normal * dot(normal, corner.tangent.xyz));
+    let other = select(-1.0, 1.0, corner.tangent.w > 0.0) * cross(normal, tangent);
+    let side = select(-1.0, 1.0, front);
+    var uv = corner.uv;
+    if HEIGHT_MAP {
+        uv = sunk(uv, vec3(dot(eye, tangent), dot(eye, other), side * dot(eye, normal)));
+    }
+    if NORMAL_MAP {
+        let texel = textureSampleLevel(normal_map, smooth_sampler, texel_at(uv), 0.0).xyz;
+        let n = texel * 2.0 - 1.0;
+        normal = unit_or_zero(n.x * tangent + n.y * other + n.z * normal);
+    }
+    let colour = lit(corner.colour, side * normal, eye);
+    return vec4(colour * params.opacity, params.opacity);
+}

@@ -1,0 +1,36 @@
+// Packed normals of the nodes of base triangles: the triangles around a node summed by area.
+// Whenever a skin is drawn. The twin of `reference::skin::node_normals`.
+
+#import lib/array
+#import lib/normals
+
+struct Normals {
+    nodes: u32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var triangles: texture_2d<u32>;
+// First entry of node i in `around`, at i; the last at i + 1.
+@group(0) @binding(2) var firsts: texture_2d<u32>;
+// Triangles around each node.
+@group(0) @binding(3) var around: texture_2d<u32>;
+@group(0) @binding(4) var normals: texture_storage_2d<r32uint, write>;
+@group(0) @binding(5) var<uniform> params: Normals;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.nodes {
+        return;
+    }
+    let last = textureLoad(firsts, at(i + 1u), 0).x;
+    var sum = vec3(0.0);
+    for (var k = textureLoad(firsts, at(i), 0).x; k < last; k++) {
+        let triangle = textureLoad(triangles, at(textureLoad(around, at(k), 0).x), 0);
+        let a = textureLoad(positions, at(triangle.x), 0).xyz;
+        let b = textureLoad(positions, at(triangle.y), 0).xyz;
+        let c = textureLoad(positions, at(triangle.z), 0).xyz;
+        sum += cross(b - a, c - a);
+    }
+    textureStore(normals, at(i), vec4(pack_normal(sum), 0u, 0u, 0u));
+}

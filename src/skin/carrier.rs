@@ -1,0 +1,191 @@
+//! What carries a skin: positions on the GPU, base triangles, normals of the nodes.
+
+use super::binding::{Base, triangles_around};
+use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
+use crate::mesh::{LocalFrame, TetMesh, Topology};
+use crate::{Error, Result};
+use glam::DVec3;
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Normals {
+            pub nodes: u32,
+        }
+    }
+}
+
+/// Nodes that carry a skin, and the base triangles that it is bound to.
+///
+/// Whoever moves the nodes writes the array of positions; the normals follow from it on the GPU,
+/// made by the mover or here.
+#[derive(Clone, Debug)]
+pub struct Carrier {
+    pub(super) positions: Array,
+    pub(super) frame: LocalFrame,
+    pub(super) normals: Array,
+    /// As the GPU has them at rest.
+    rest: Vec<DVec3>,
+    rest_normals: Vec<u32>,
+    triangles: Vec<[u32; 3]>,
+    /// Makes the normals, where the mover does not.
+    refresh: Option<Pass>,
+}
+
+impl Carrier {
+    /// Nodes whose mover makes their normals (a grid body: equation 3 of the paper).
+    ///
+    /// `positions` is rgba32float, xyz in `frame`; `normals` is r32uint, packed as by
+    /// [`pack_normal`](crate::mesh::pack_normal). `rest` are the rest positions in file units,
+    /// `rest_normals` the packed normals there, bit for bit as the GPU makes them. `triangles`
+    /// are counter-clockwise seen from outside.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when lengths or kinds of arrays differ, or a triangle names a node that
+    /// does not exist.
+    pub fn new(
+        positions: &Array,
+        frame: LocalFrame,
+        normals: &Array,
+        rest: &[DVec3],
+        rest_normals: &[u32],
+        triangles: &[[u32; 3]],
+    ) -> Result<Carrier> {
+        check(positions, rest, triangles)?;
+        if normals.texel() != Texel::U32
+            || normals.len() as usize != rest.len()
+            || rest_normals.len() != rest.len()
+        {
+            return Err(Error::Input(format!(
+                "{} nodes carry a skin, but there are {} normals on the GPU (of {:?}, which should be U32), and {} at rest",
+                rest.len(),
+                normals.len(),
+                normals.texel(),
+                rest_normals.len()
+            )));
+        }
+        Ok(Carrier {
+            positions: positions.clone(),
+            frame,
+            normals: normals.clone(),
+            rest: in_frame(rest, &frame),
+            rest_normals: rest_normals.to_vec(),
+            triangles: triangles.to_vec(),
+            refresh: None,
+        })
+    }
+
+    /// Nodes whose normals are made here, whenever the skin is drawn: the base triangles around a
+    /// node summed by area. For tet bodies, and for a handful of nodes given by hand.
+    ///
+    /// Reads back once, so that the binding has the normals as the GPU makes them.
+    ///
+    /// # Errors
+    /// [`Error::Input`] as [`Carrier::new`]; [`Error::Gpu`] when the device cannot hold it.
+    pub fn with_area_normals(
+        gpu: &Gpu,
+        positions: &Array,
+        frame: LocalFrame,
+        rest: &[DVec3],
+        triangles: &[[u32; 3]],
+    ) -> Result<Carrier> {
+        check(positions, rest, triangles)?;
+        let (firsts, around) = triangles_around(triangles, rest.len());
+        let corners: Vec<[u32; 4]> = triangles.iter().map(|t| [t[0], t[1], t[2], 0]).collect();
+        let firsts = gpu.array_of("first triangles", Texel::U32, &firsts)?;
+        let around = gpu.array_of("triangles around nodes", Texel::U32, &around)?;
+        let corners = gpu.array_of("base triangles", Texel::U32x4, &corners)?;
+        let nodes = rest.len() as u32;
+        let pass = |positions: &Array, normals: &Array| {
+            gpu.pass("skin/node_normals")
+                .read(positions)
+                .read(&corners)
+                .read(&firsts)
+                .read(&around)
+                .write(normals)
+                .params(&gpu_data::Normals { nodes })
+                .over(nodes)
+        };
+        let normals = gpu.array("packed normals", Texel::U32, rest.len())?;
+        let refresh = pass(positions, &normals)?;
+        let rest_positions = crate::render::local_positions(gpu, &frame, rest)?;
+        let rest_normals = gpu.array("packed normals at rest", Texel::U32, rest.len())?;
+        let mut work = gpu.record();
+        pass(&rest_positions, &rest_normals)?.record(&mut work);
+        work.submit()?;
+        Ok(Carrier {
+            positions: positions.clone(),
+            frame,
+            normals,
+            rest: in_frame(rest, &frame),
+            rest_normals: gpu.read_array(&rest_normals)?,
+            triangles: triangles.to_vec(),
+            refresh: Some(refresh),
+        })
+    }
+
+    /// The boundary of `mesh`, whose nodes stand at `positions`: xyz in `frame`.
+    ///
+    /// # Errors
+    /// As [`Carrier::with_area_normals`].
+    pub fn of_mesh(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        positions: &Array,
+        frame: LocalFrame,
+    ) -> Result<Carrier> {
+        let topology = Topology::new(mesh);
+        let faces = topology.boundary.iter();
+        let triangles: Vec<[u32; 3]> = faces.map(|f| topology.boundary_nodes(mesh, *f)).collect();
+        Carrier::with_area_normals(gpu, positions, frame, &mesh.nodes, &triangles)
+    }
+
+    /// The frame of the positions.
+    pub fn frame(&self) -> LocalFrame {
+        self.frame
+    }
+
+    /// What a skin is bound to.
+    pub fn base(&self) -> Base<'_> {
+        Base {
+            nodes: &self.rest,
+            triangles: &self.triangles,
+            normals: &self.rest_normals,
+        }
+    }
+
+    /// The packed normals on the GPU.
+    pub fn normals(&self) -> &Array {
+        &self.normals
+    }
+
+    /// Records the making of the normals, where it is done here.
+    pub fn record_normals(&self, work: &mut Recorder) {
+        if let Some(refresh) = &self.refresh {
+            refresh.record(work);
+        }
+    }
+}
+
+/// Rest positions as the GPU has them.
+fn in_frame(rest: &[DVec3], frame: &LocalFrame) -> Vec<DVec3> {
+    rest.iter().map(|p| frame.to_local(*p).as_dvec3()).collect()
+}
+
+fn check(positions: &Array, rest: &[DVec3], triangles: &[[u32; 3]]) -> Result<()> {
+    if positions.texel() != Texel::F32x4 || positions.len() as usize != rest.len() {
+        return Err(Error::Input(format!(
+            "{} nodes carry a skin, but there are {} positions on the GPU (of {:?}, which should be F32x4)",
+            rest.len(),
+            positions.len(),
+            positions.texel()
+        )));
+    }
+    let mut corners = triangles.iter().flatten();
+    match corners.find(|v| **v as usize >= rest.len()) {
+        None => Ok(()),
+        Some(bad) => Err(Error::Input(format!(
+            "a base triangle names node {bad}, but there are {}, counted from 0",
+            rest.len()
+        ))),
+    }
+}

@@ -1,0 +1,533 @@
+//! Drawing a skin where its nodes are now.
+
+use super::binding::{BindingReport, Mapping, bind};
+use super::carrier::Carrier;
+use super::map::Map;
+use super::report::SkinReport;
+use super::vertices::{Vertices, check};
+use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
+use crate::mesh::{SurfaceDescription, TriMesh};
+use crate::reference::skin::{Bound, Placed};
+use crate::render::{
+    Camera, Image, LocalView, SurfaceTarget, TransferFunction, Window, attachment, averaged,
+    depth_target, draw_in_tiles,
+};
+use crate::{Error, Result};
+use glam::{DVec3, Vec3};
+use std::collections::HashMap;
+
+mod gpu_data {
+    use crate::render::View;
+    crate::gpu_struct! {
+        pub(super) struct SkinParams {
+            pub view: View,
+            pub opacity: f32,
+            pub relief: f32,
+            pub _pad: [u32; 2],
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Place {
+            pub vertices: u32,
+        }
+    }
+}
+
+/// What colours a skin.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SkinColour {
+    /// One colour: red, green, blue.
+    Plain([f32; 3]),
+    /// The transfer function's colour of a scalar of the vertices.
+    Field {
+        /// Name of the scalar.
+        name: String,
+        /// Its colours; a relative one runs over the scalar's range.
+        transfer: TransferFunction,
+    },
+}
+
+/// A surface carried by the nodes of a body.
+pub struct Skin {
+    gpu: Gpu,
+    carrier: Carrier,
+    vertices: Vertices,
+    bound: Vec<Bound>,
+    report: SkinReport,
+    scalars: Vec<crate::mesh::Field>,
+    records: Array,
+    uvs: Array,
+    colours: Array,
+    indices: wgpu::Buffer,
+    corners: u32,
+    opacity: f32,
+    normal_map: Option<wgpu::TextureView>,
+    height_map: Option<(wgpu::TextureView, f32)>,
+    no_map: wgpu::TextureView,
+    no_depth: wgpu::TextureView,
+    sampler: wgpu::Sampler,
+    draws: HashMap<Variant, Draw>,
+}
+
+/// What a prepared draw depends on.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Variant {
+    format: wgpu::TextureFormat,
+    blended: bool,
+    nearer: Option<wgpu::TextureView>,
+    opaque: Option<wgpu::TextureView>,
+}
+
+/// What bounds the part of a skin that is drawn.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Bounds<'a> {
+    /// Only what lies behind these depths.
+    pub nearer: Option<&'a wgpu::TextureView>,
+    /// Only what lies before these.
+    pub opaque: Option<&'a wgpu::TextureView>,
+}
+
+const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// Pictures in memory are drawn so many times larger each way, and averaged.
+const SAMPLES: u32 = 2;
+/// The colour of a skin to which none was given.
+const FLESH: [f32; 3] = [0.85, 0.62, 0.53];
+/// Flag of a vertex, see `lib/skin.wgsl`.
+const INTERPOLATED: u32 = 1;
+/// Most prepared draws that are kept: their targets come and go.
+const KEPT_DRAWS: usize = 32;
+
+impl Skin {
+    /// Binds `surface` to `carrier` at rest, in the places that both have in their files. Its
+    /// triangles are turned to face the same way first; holes are allowed and reported.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a surface that cannot be drawn, [`Error::Input`] for a carrier without
+    /// base triangles, [`Error::Gpu`] when the device cannot hold it.
+    pub fn new(gpu: &Gpu, surface: &TriMesh, carrier: &Carrier, mapping: Mapping) -> Result<Skin> {
+        check(surface)?;
+        let mut surface = surface.clone();
+        let turned = surface.orient();
+        let vertices = Vertices::new(&surface)?;
+        let (bound, binding) = bind(&carrier.base(), &vertices, &carrier.frame, mapping)?;
+        let description = SurfaceDescription::new(&surface);
+        let report = SkinReport::new(&description, bound.len(), turned, binding);
+        let records: Vec<[u32; 4]> = bound
+            .iter()
+            .zip(&vertices.handedness)
+            .flat_map(|(b, handedness)| record(b, *handedness))
+            .collect();
+        let uvs: Vec<[f32; 2]> = match vertices.uvs.is_empty() {
+            true => vec![[0.0; 2]; bound.len()],
+            false => vertices
+                .uvs
+                .iter()
+                .map(|uv| uv.as_vec2().to_array())
+                .collect(),
+        };
+        let indices = vertices.triangles.as_flattened();
+        let [r, g, b] = FLESH;
+        let texture = |format, label| {
+            let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d::default(),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            });
+            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        Ok(Skin {
+            gpu: gpu.clone(),
+            carrier: carrier.clone(),
+            report,
+            records: gpu.array_of("skin vertices", Texel::U32x4, &records)?,
+            uvs: gpu.array_of("texture coordinates", Texel::F32x2, &uvs)?,
+            colours: gpu.array_of(
+                "skin colours",
+                Texel::F32x4,
+                &vec![[r, g, b, 1.0]; bound.len()],
+            )?,
+            indices: gpu.buffer_of("skin triangles", indices)?,
+            corners: indices.len() as u32,
+            scalars: surface.fields,
+            vertices,
+            bound,
+            opacity: 1.0,
+            normal_map: None,
+            height_map: None,
+            no_map: texture(wgpu::TextureFormat::Rgba8Unorm, "no map"),
+            no_depth: texture(DEPTH, "no depths"),
+            sampler: gpu.device().create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("maps of skins"),
+                address_mode_u: wgpu::AddressMode::Repeat,
+                address_mode_v: wgpu::AddressMode::Repeat,
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            draws: HashMap::new(),
+        })
+    }
+
+    /// What it is and how it was bound.
+    pub fn report(&self) -> &SkinReport {
+        &self.report
+    }
+
+    /// How the vertices were bound.
+    pub fn binding(&self) -> &BindingReport {
+        &self.report.binding
+    }
+
+    /// Its vertices at rest, as they are drawn.
+    pub fn rest(&self) -> &Vertices {
+        &self.vertices
+    }
+
+    /// What ties each of them to its nodes.
+    pub fn bound(&self) -> &[Bound] {
+        &self.bound
+    }
+
+    /// What carries it.
+    pub fn carrier(&self) -> &Carrier {
+        &self.carrier
+    }
+
+    /// How much light it stops, from 0 (exclusive) to 1.
+    pub fn opacity(&self) -> f32 {
+        self.opacity
+    }
+
+    /// Colours it from now on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scalar that the surface does not have at its vertices, or one that
+    /// is not finite.
+    pub fn set_colour(&mut self, colour: &SkinColour) -> Result<()> {
+        let colours: Vec<[f32; 4]> = match colour {
+            SkinColour::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; self.bound.len()],
+            SkinColour::Field { name, transfer } => {
+                let values = self.scalar(name)?;
+                let ends = values
+                    .iter()
+                    .fold((f64::MAX, f64::MIN), |(a, b), s| (a.min(*s), b.max(*s)));
+                let resolved = transfer.resolved(ends, self.carrier.frame.scale);
+                let of = |v: &u32| {
+                    let [r, g, b] = resolved.colour(values[*v as usize]).map(|c| c as f32);
+                    [r, g, b, 1.0]
+                };
+                self.vertices.sources.iter().map(of).collect()
+            }
+        };
+        self.gpu.write_array(&self.colours, &colours)
+    }
+
+    fn scalar(&self, name: &str) -> Result<&[f64]> {
+        let at_vertices = |f: &&crate::mesh::Field| {
+            f.location == crate::mesh::Location::Node
+                && f.components == 1
+                && f.values.len() == self.report.vertices
+        };
+        let known: Vec<_> = self.scalars.iter().filter(at_vertices).collect();
+        let found = known.iter().find(|f| f.name == name);
+        match found {
+            Some(f) if f.values.iter().all(|s| s.is_finite()) => Ok(&f.values),
+            Some(_) => Err(Error::Input(format!(
+                "the skin's scalar \"{name}\" is not finite everywhere"
+            ))),
+            None => Err(Error::Input(format!(
+                "the skin has no scalar \"{name}\" at its vertices; it has: {}",
+                known
+                    .iter()
+                    .map(|f| f.name.as_str())
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ))),
+        }
+    }
+
+    /// Makes it let light through from now on: it stops the share `opacity` of it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] unless 0 < opacity ≤ 1.
+    pub fn set_opacity(&mut self, opacity: f32) -> Result<()> {
+        if !(opacity > 0.0 && opacity <= 1.0) {
+            return Err(Error::Input(format!(
+                "an opacity of {opacity}; it must be above 0 and at most 1"
+            )));
+        }
+        self.opacity = opacity;
+        Ok(())
+    }
+
+    /// Lights it by a tangent-space normal map from now on, or by none.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the surface has no texture coordinates, or the map no texels.
+    pub fn set_normal_map(&mut self, map: Option<&Map>) -> Result<()> {
+        self.normal_map = match map {
+            None => None,
+            Some(map) => Some(self.upload(map)?),
+        };
+        self.draws.clear();
+        Ok(())
+    }
+
+    /// Sinks its texture by a height map from now on (parallax), or by none. `relief` is how deep
+    /// the map goes, in texture units.
+    ///
+    /// # Errors
+    /// As [`Skin::set_normal_map`]; and for a relief that is negative or not finite.
+    pub fn set_height_map(&mut self, map: Option<(&Map, f32)>) -> Result<()> {
+        self.height_map = match map {
+            None => None,
+            Some((_, relief)) if !(relief >= 0.0 && relief.is_finite()) => {
+                return Err(Error::Input(format!(
+                    "a relief of {relief}; it must be 0 or more, in texture units"
+                )));
+            }
+            Some((map, relief)) => Some((self.upload(map)?, relief)),
+        };
+        self.draws.clear();
+        Ok(())
+    }
+
+    fn upload(&self, map: &Map) -> Result<wgpu::TextureView> {
+        if self.vertices.uvs.is_empty() {
+            return Err(Error::Input(
+                "a map needs texture coordinates, and the skin has none; an OBJ file can have them"
+                    .into(),
+            ));
+        }
+        map.upload(&self.gpu)
+    }
+
+    /// Draws only the triangles for which `shown` (one a triangle of the surface) is true from now
+    /// on; for holes that open while running.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of them.
+    pub fn show_triangles(&mut self, shown: &[bool]) -> Result<()> {
+        if shown.len() != self.vertices.triangles.len() {
+            return Err(Error::Input(format!(
+                "{} entries given for the {} triangles of a skin",
+                shown.len(),
+                self.vertices.triangles.len()
+            )));
+        }
+        let triangles = self.vertices.triangles.iter().zip(shown);
+        let kept: Vec<u32> = triangles
+            .filter(|(_, shown)| **shown)
+            .flat_map(|(t, _)| *t)
+            .collect();
+        self.corners = kept.len() as u32;
+        if !kept.is_empty() {
+            let bytes = bytemuck::cast_slice(&kept);
+            self.gpu.queue().write_buffer(&self.indices, 0, bytes);
+        }
+        Ok(())
+    }
+
+    /// Records the drawing of the skin at the positions of that moment. An opaque one replaces
+    /// what lies behind it, and its depths can end the rays of a
+    /// [`Raycaster`](crate::render::Raycaster) of the same frame; a translucent one is blended
+    /// over what is there, its triangles in the order of the file, and leaves no depth (see
+    /// [`Composer`](super::Composer) for the right order).
+    ///
+    /// # Errors
+    /// For a bad camera, or when the device refuses.
+    pub fn record(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        target: &SurfaceTarget,
+    ) -> Result<()> {
+        let texture = target.colour.texture();
+        let window = Window::whole([texture.width(), texture.height()]);
+        self.carrier.record_normals(work);
+        let blended = self.opacity < 1.0;
+        self.record_window(work, camera, target, window, Bounds::default(), blended)
+    }
+
+    /// The picture of `camera`, of `size` pixels, its edges smoothed. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Skin::record`].
+    pub fn image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<Image> {
+        let gpu = self.gpu.clone();
+        let fine = size.map(|n| n.saturating_mul(SAMPLES));
+        let mut depth: Option<wgpu::TextureView> = None;
+        let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
+            let depth = depth.get_or_insert_with(|| depth_target(&gpu, window.size));
+            let target = SurfaceTarget {
+                colour,
+                depth,
+                background: Some([0.0; 4]),
+            };
+            let mut work = gpu.record();
+            self.carrier.record_normals(&mut work);
+            // Four floats a pixel cannot be blended everywhere: the nearest layer alone.
+            self.record_window(&mut work, camera, &target, window, Bounds::default(), false)?;
+            work.submit()
+        })?;
+        Ok(Image {
+            size,
+            channels: 4,
+            values: averaged(&pixels, size, SAMPLES),
+        })
+    }
+
+    /// Records the drawing of what lies within `bounds`, its nodes' normals being made already.
+    pub(super) fn record_window(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        target: &SurfaceTarget,
+        window: Window,
+        bounds: Bounds,
+        blended: bool,
+    ) -> Result<()> {
+        camera.check()?;
+        let params = gpu_data::SkinParams {
+            view: LocalView::new(camera, &self.carrier.frame, window).to_gpu(),
+            opacity: self.opacity,
+            relief: self.height_map.as_ref().map_or(0.0, |h| h.1),
+            _pad: [0; 2],
+        };
+        let variant = Variant {
+            format: target.colour.texture().format(),
+            blended,
+            nearer: bounds.nearer.cloned(),
+            opaque: bounds.opaque.cloned(),
+        };
+        if !self.draws.contains_key(&variant) {
+            if self.draws.len() >= KEPT_DRAWS {
+                self.draws.clear();
+            }
+            let draw = self.draw(&variant, &params)?;
+            self.draws.insert(variant.clone(), draw);
+        }
+        let Some(draw) = self.draws.get(&variant) else {
+            return Ok(());
+        };
+        draw.set_params(&self.gpu, &params);
+        let colour_load = match target.background {
+            Some(c) => {
+                let [r, g, b, a] = c.map(f64::from);
+                wgpu::LoadOp::Clear(wgpu::Color { r, g, b, a })
+            }
+            None => wgpu::LoadOp::Load,
+        };
+        let depth_load = match target.background {
+            Some(_) => wgpu::LoadOp::Clear(0.0),
+            None => wgpu::LoadOp::Load,
+        };
+        let depth = wgpu::RenderPassDepthStencilAttachment {
+            view: target.depth,
+            depth_ops: Some(wgpu::Operations {
+                load: depth_load,
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        };
+        let colour = [attachment(target.colour, colour_load)];
+        let mut pass = work.render_pass("skin/draw", &colour, Some(depth));
+        if self.corners > 0 {
+            draw.record_indexed(&mut pass, &self.indices, self.corners);
+        }
+        Ok(())
+    }
+
+    fn draw(&self, variant: &Variant, params: &gpu_data::SkinParams) -> Result<Draw> {
+        let flag = |on: bool| f64::from(u8::from(on));
+        let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+        let height_map = self.height_map.as_ref().map(|h| &h.0);
+        self.gpu
+            .draw("skin/draw")
+            .constant("NORMAL_MAP", flag(self.normal_map.is_some()))
+            .constant("HEIGHT_MAP", flag(height_map.is_some()))
+            .constant("PEELED", flag(variant.nearer.is_some()))
+            .constant("OCCLUDED", flag(variant.opaque.is_some()))
+            .read(&self.carrier.positions)
+            .read(&self.carrier.normals)
+            .read(&self.records)
+            .read(&self.uvs)
+            .read(&self.colours)
+            .read(self.normal_map.as_ref().unwrap_or(&self.no_map))
+            .read(height_map.unwrap_or(&self.no_map))
+            .read(&self.sampler)
+            .read(variant.nearer.as_ref().unwrap_or(&self.no_depth))
+            .read(variant.opaque.as_ref().unwrap_or(&self.no_depth))
+            .params(params)
+            .target(variant.format, variant.blended.then_some(over))
+            .depth(DEPTH, wgpu::CompareFunction::Greater, !variant.blended)
+            .prepare()
+    }
+
+    /// Its drawn vertices where the nodes have carried them: positions in file units, normals and
+    /// tangents. Waits and reads back.
+    ///
+    /// # Errors
+    /// When the device refuses.
+    pub fn placed(&self) -> Result<Vec<Placed>> {
+        let count = self.bound.len() as u32;
+        let result = self
+            .gpu
+            .array("placed vertices", Texel::F32x4, 3 * count as usize)?;
+        let place = self
+            .gpu
+            .pass("skin/place")
+            .read(&self.carrier.positions)
+            .read(&self.carrier.normals)
+            .read(&self.records)
+            .write(&result)
+            .params(&gpu_data::Place { vertices: count })
+            .over(count)?;
+        let mut work = self.gpu.record();
+        self.carrier.record_normals(&mut work);
+        place.record(&mut work);
+        work.submit()?;
+        let texels: Vec<[f32; 4]> = self.gpu.read_array(&result)?;
+        let vector = |t: [f32; 4]| Vec3::new(t[0], t[1], t[2]);
+        Ok(texels
+            .chunks_exact(3)
+            .map(|t| Placed {
+                position: self.carrier.frame.to_file(vector(t[0])),
+                normal: vector(t[1]).as_dvec3(),
+                tangent: vector(t[2]).as_dvec3(),
+            })
+            .collect())
+    }
+
+    /// The surface's vertices where the nodes have carried them, in file units and in the order of
+    /// its file; NaN for those that no triangle has. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Skin::placed`].
+    pub fn vertices(&self) -> Result<Vec<DVec3>> {
+        let placed = self.placed()?;
+        let mut vertices = vec![DVec3::NAN; self.report.vertices];
+        for (placed, source) in placed.iter().zip(&self.vertices.sources) {
+            vertices[*source as usize] = placed.position;
+        }
+        Ok(vertices)
+    }
+}
+
+/// The four texels of a vertex, see `lib/skin.wgsl`.
+fn record(bound: &Bound, handedness: f64) -> [[u32; 4]; 4] {
+    let bits = |v: DVec3, w: f64| v.extend(w).as_vec4().to_array().map(f32::to_bits);
+    let [a, b, c] = bound.nodes;
+    let flags = if bound.interpolated { INTERPOLATED } else { 0 };
+    [
+        [a, b, c, flags],
+        bits(bound.offset, bound.weights[1]),
+        bits(bound.normal, bound.weights[2]),
+        bits(bound.tangent, handedness),
+    ]
+}

@@ -1,0 +1,114 @@
+//! Pictures that lie on a skin: normal maps and height maps.
+
+use crate::gpu::Gpu;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// A picture of 8 bits a channel that lies on a skin by its texture coordinates: (0, 0) is the
+/// lower left corner, (1, 1) the upper right one, and beyond them it repeats.
+///
+/// A normal map holds unit vectors n in tangent space as (n + 1) / 2: red along the tangent, green
+/// along the second texture coordinate, blue along the normal. A height map holds heights in its
+/// first channel: 255 is the surface, 0 the deepest.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Map {
+    /// Width and height in texels.
+    pub size: [u32; 2],
+    /// Red, green, blue and opacity, row by row from the top.
+    pub texels: Vec<[u8; 4]>,
+}
+
+/// The largest side of a map: what every device can hold.
+const MOST: u32 = 8192;
+
+impl Map {
+    /// Reads a PNG.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is no PNG, or is larger than 8192 texels a side.
+    pub fn read(path: impl AsRef<Path>) -> Result<Map> {
+        let path = path.as_ref();
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes));
+        reader.set_format(image::ImageFormat::Png);
+        let mut limits = image::Limits::default();
+        (limits.max_image_width, limits.max_image_height) = (Some(MOST), Some(MOST));
+        reader.limits(limits);
+        let picture = reader
+            .decode()
+            .map_err(|e| Error::format(path, format!("cannot be read as a PNG: {e}")))?
+            .into_rgba8();
+        Ok(Map {
+            size: [picture.width(), picture.height()],
+            texels: picture.pixels().map(|p| p.0).collect(),
+        })
+    }
+
+    /// Writes a PNG.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        self.check()?;
+        let mut file = Vec::new();
+        let encoder = image::codecs::png::PngEncoder::new(&mut file);
+        let [width, height] = self.size;
+        image::ImageEncoder::write_image(
+            encoder,
+            self.texels.as_flattened(),
+            width,
+            height,
+            image::ExtendedColorType::Rgba8,
+        )
+        .map_err(|e| Error::format(path, format!("cannot be encoded: {e}")))?;
+        crate::io::atomic_write(path, |to| {
+            std::io::Write::write_all(to, &file).map_err(Error::io(path))
+        })
+    }
+
+    fn check(&self) -> Result<()> {
+        let [width, height] = self.size;
+        let right = self.texels.len() as u64 == u64::from(width) * u64::from(height);
+        if !right || self.size.iter().any(|n| !(1..=MOST).contains(n)) {
+            return Err(Error::Input(format!(
+                "a map of {width} x {height} texels that has {}; each side must be from 1 to {MOST}",
+                self.texels.len()
+            )));
+        }
+        Ok(())
+    }
+
+    /// The map as a texture.
+    pub(super) fn upload(&self, gpu: &Gpu) -> Result<wgpu::TextureView> {
+        self.check()?;
+        let [width, height] = self.size;
+        let size = wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        };
+        let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some("map of a skin"),
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba8Unorm,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        gpu.queue().write_texture(
+            texture.as_image_copy(),
+            self.texels.as_flattened(),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * width),
+                rows_per_image: None,
+            },
+            size,
+        );
+        gpu.check()?;
+        Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
+    }
+}

@@ -1,0 +1,20 @@
+//! Skins: detailed surfaces carried by the nodes of a less detailed body.
+//!
+//! After Mosegaard & Sørensen, *Real-time Deformation of Detailed Geometry Based on Mappings to a
+//! Less Detailed Physical Simulation on the GPU* (2005). Every vertex is bound once, on the CPU,
+//! to three nodes of the body; the vertex shader does the rest from the texture of positions.
+//! Nothing is read back, and what a vertex is made of never changes.
+
+mod binding;
+mod carrier;
+mod draw;
+mod map;
+mod report;
+mod vertices;
+
+pub use binding::{Base, BindingReport, Mapping, bind};
+pub use carrier::Carrier;
+pub use draw::{Skin, SkinColour};
+pub use map::Map;
+pub use report::SkinReport;
+pub use vertices::Vertices;

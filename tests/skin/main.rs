@@ -1,0 +1,6 @@
+//! Skins against their float64 twin, at rest, moved, bent, and in pictures.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+mod mapping;
+mod twin;
