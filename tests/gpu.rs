@@ -165,3 +165,61 @@ fn the_callers_device_is_used_as_it_is() {
     gpu.queue().submit([encoder.finish()]);
     assert_eq!(gpu.read_array::<[f32; 4]>(&b).unwrap(), vec![[5.0; 4]; 3]);
 }
+
+#[test]
+fn parts_of_arrays_are_written_and_arrays_grow() {
+    let gpu = Gpu::new().unwrap();
+    // Within a row, across two, and over whole rows with a beginning and an end.
+    for (len, first, count) in [(100, 3, 50), (10_000, 4_000, 200), (20_000, 4_095, 9_000)] {
+        let mut expected: Vec<[f32; 2]> = (0..len).map(|i| [i as f32, 0.5]).collect();
+        let array = gpu.array_of("a", Texel::F32x2, &expected).unwrap();
+        let part: Vec<[f32; 2]> = (0..count).map(|i| [-(i as f32), 2.0]).collect();
+        gpu.write_items(&array, first as u32, &part).unwrap();
+        expected[first..first + count].copy_from_slice(&part);
+        assert_eq!(gpu.read_array::<[f32; 2]>(&array).unwrap(), expected);
+        assert!(
+            gpu.write_items(&array, (len - count + 1) as u32, &part)
+                .is_err()
+        );
+    }
+    let content: Vec<u32> = (0..4_000).collect();
+    let mut array = gpu.array_of("b", Texel::U32, &content).unwrap();
+    assert!(!gpu.resize(&mut array, "b", 4_096).unwrap());
+    assert!(gpu.resize(&mut array, "b", 4_097).unwrap());
+    assert_eq!((array.len(), array.capacity()), (4_097, 8_192));
+    gpu.write_items(&array, 4_096, &[7u32]).unwrap();
+    let found = gpu.read_array::<u32>(&array).unwrap();
+    assert_eq!((&found[..4_000], found[4_096]), (&content[..], 7));
+}
+
+#[test]
+fn single_items_are_put_where_they_belong() {
+    let gpu = Gpu::new().unwrap();
+    let places = [3u32, 0, 4_999, 4_096];
+    let start: Vec<[u32; 4]> = (0..5_000).map(|i| [i; 4]).collect();
+    let array = gpu.array_of("a", Texel::U32x4, &start).unwrap();
+    let items = places.map(|p| [p + 1, 2, 3, u32::MAX]);
+    gpu.put(&array, &places, &items).unwrap();
+    let mut expected = start.clone();
+    for (p, item) in places.iter().zip(items) {
+        expected[*p as usize] = item;
+    }
+    assert_eq!(gpu.read_array::<[u32; 4]>(&array).unwrap(), expected);
+    let pairs = gpu.array("b", Texel::U32x2, 5_000).unwrap();
+    gpu.put(&pairs, &places, &places.map(|p| [p, 9])).unwrap();
+    assert_eq!(
+        gpu.read_array::<[u32; 2]>(&pairs).unwrap()[4_999],
+        [4_999, 9]
+    );
+    let pairs = gpu.array("c", Texel::F32x2, 5_000).unwrap();
+    gpu.put(&pairs, &places, &places.map(|p| [p as f32, 0.5]))
+        .unwrap();
+    assert_eq!(
+        gpu.read_array::<[f32; 2]>(&pairs).unwrap()[4_096],
+        [4_096.0, 0.5]
+    );
+    assert!(gpu.put(&array, &[5_000], &[[0u32; 4]]).is_err());
+    assert!(gpu.put(&array, &places, &[[0u32; 4]]).is_err());
+    let vectors = gpu.array("d", Texel::F32x4, 8).unwrap();
+    assert!(gpu.put(&vectors, &[0], &[[0.0f32; 4]]).is_err());
+}

@@ -6,6 +6,15 @@
 use super::{Bind, Gpu, Resource};
 use crate::{Error, Result};
 
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/gpu/put_u32x4.wgsl`.
+        pub struct Put {
+            pub items: u32,
+        }
+    }
+}
+
 /// Texels in a row of an [`Array`]; `lib/array.wgsl` has the same number.
 pub const ROW: u32 = 4096;
 
@@ -64,6 +73,11 @@ impl Array {
         self.len == 0
     }
 
+    /// Number of items its texture can hold.
+    pub fn capacity(&self) -> u32 {
+        self.texture.width() * self.texture.height()
+    }
+
     /// What an item is made of.
     pub fn texel(&self) -> Texel {
         self.texel
@@ -96,6 +110,19 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] when it exceeds the device's texture size or memory.
     pub fn array(&self, label: &str, texel: Texel, len: usize) -> Result<Array> {
+        self.array_with_room(label, texel, len, 0)
+    }
+
+    /// As [`Gpu::array`], with room for at least an eighth and 1,024 items more: see
+    /// [`Gpu::resize`].
+    ///
+    /// # Errors
+    /// As [`Gpu::array`].
+    pub fn roomy_array(&self, label: &str, texel: Texel, len: usize) -> Result<Array> {
+        self.array_with_room(label, texel, len, len / 8 + 1024)
+    }
+
+    fn array_with_room(&self, label: &str, texel: Texel, len: usize, room: usize) -> Result<Array> {
         let side = self.device().limits().max_texture_dimension_2d;
         let capacity = u64::from(ROW) * u64::from(side);
         if len as u64 > capacity {
@@ -103,7 +130,8 @@ impl Gpu {
                 "array \"{label}\" of {len} items exceeds the {capacity} this device can hold in one texture; use a smaller mesh"
             )));
         }
-        let rows = (len as u32).div_ceil(ROW).max(1);
+        let rows = (len + room).min(capacity as usize).div_ceil(ROW as usize);
+        let rows = (rows as u32).max(1);
         let texture = self.create(label, |device| {
             device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
@@ -147,12 +175,26 @@ impl Gpu {
         Ok(array)
     }
 
+    /// A roomy array (see [`Gpu::roomy_array`]) filled with `data`.
+    ///
+    /// # Errors
+    /// As [`Gpu::array_of`].
+    pub fn roomy_array_of<T: bytemuck::Pod>(
+        &self,
+        label: &str,
+        texel: Texel,
+        data: &[T],
+    ) -> Result<Array> {
+        let array = self.roomy_array(label, texel, data.len())?;
+        self.write_array(&array, data)?;
+        Ok(array)
+    }
+
     /// Replaces the whole content of `array`; it takes effect before the next submit.
     ///
     /// # Errors
     /// [`Error::Gpu`] when the number or size of items differs from the array's.
     pub fn write_array<T: bytemuck::Pod>(&self, array: &Array, data: &[T]) -> Result<()> {
-        let bytes: &[u8] = bytemuck::cast_slice(data);
         let item = array.texel.bytes();
         if size_of::<T>() != item as usize || data.len() != array.len as usize {
             return Err(Error::Gpu(format!(
@@ -162,13 +204,41 @@ impl Gpu {
                 array.len
             )));
         }
-        let full_rows = array.len / ROW;
-        let rest = array.len % ROW;
-        let split = (full_rows * ROW * item) as usize;
-        for (row, rows, width, part) in [
-            (0, full_rows, ROW, &bytes[..split]),
-            (full_rows, 1, rest, &bytes[split..]),
+        self.write_items(array, 0, data)
+    }
+
+    /// Replaces the items from `first` on; it takes effect before the next submit.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when the size of items differs from the array's, or they reach beyond it.
+    pub fn write_items<T: bytemuck::Pod>(
+        &self,
+        array: &Array,
+        first: u32,
+        data: &[T],
+    ) -> Result<()> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let item = array.texel.bytes();
+        if size_of::<T>() != item as usize || first as usize + data.len() > array.len as usize {
+            return Err(Error::Gpu(format!(
+                "{} items of {} bytes given for those from {first} on of an array of {} items of {item} bytes",
+                data.len(),
+                size_of::<T>(),
+                array.len
+            )));
+        }
+        // The rest of a row begun, whole rows, the beginning of a last one.
+        let count = data.len() as u32;
+        let head = ((ROW - first % ROW) % ROW).min(count);
+        let full_rows = (count - head) / ROW;
+        let middle = head + full_rows * ROW;
+        let after = first.div_ceil(ROW);
+        for (x, row, rows, width, from, to) in [
+            (first % ROW, first / ROW, 1, head, 0, head),
+            (0, after, full_rows, ROW, head, middle),
+            (0, after + full_rows, 1, count - middle, middle, count),
         ] {
+            let part = &bytes[(from * item) as usize..(to * item) as usize];
             if part.is_empty() {
                 continue;
             }
@@ -176,7 +246,7 @@ impl Gpu {
                 wgpu::TexelCopyTextureInfo {
                     texture: &array.texture,
                     mip_level: 0,
-                    origin: wgpu::Origin3d { x: 0, y: row, z: 0 },
+                    origin: wgpu::Origin3d { x, y: row, z: 0 },
                     aspect: wgpu::TextureAspect::All,
                 },
                 part,
@@ -193,6 +263,78 @@ impl Gpu {
             );
         }
         Ok(())
+    }
+
+    /// Makes `array` one of `len` items, of which those it had are kept. It stays the same texture
+    /// where that has the room; otherwise a roomy new one takes its place, and passes that were
+    /// prepared with the old one do not know of it. Returns whether that happened.
+    ///
+    /// # Errors
+    /// As [`Gpu::array`].
+    pub fn resize(&self, array: &mut Array, label: &str, len: usize) -> Result<bool> {
+        if len <= array.capacity() as usize {
+            array.len = len as u32;
+            return Ok(false);
+        }
+        let grown = self.roomy_array(label, array.texel, len)?;
+        let mut work = self.record();
+        work.encoder().copy_texture_to_texture(
+            array.texture.as_image_copy(),
+            grown.texture.as_image_copy(),
+            array.texture.size(),
+        );
+        work.submit()?;
+        *array = grown;
+        Ok(true)
+    }
+
+    /// Replaces single items of an array of [`Texel::U32x4`], [`Texel::U32x2`] or
+    /// [`Texel::F32x2`]: item `places[k]` by `items[k]`. Sends only these. Takes effect at once,
+    /// before whatever is submitted later.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] for another kind of item, lists of different lengths, or a place beyond the
+    /// end.
+    pub fn put<T: bytemuck::Pod>(&self, array: &Array, places: &[u32], items: &[T]) -> Result<()> {
+        let shader = match array.texel {
+            Texel::U32x4 => "gpu/put_u32x4",
+            Texel::U32x2 => "gpu/put_u32x2",
+            Texel::F32x2 => "gpu/put_f32x2",
+            other => {
+                return Err(Error::Gpu(format!(
+                    "single items of {other:?} cannot be put"
+                )));
+            }
+        };
+        let fits = places.iter().all(|p| *p < array.len);
+        if size_of::<T>() != array.texel.bytes() as usize || places.len() != items.len() || !fits {
+            return Err(Error::Gpu(format!(
+                "{} items of {} bytes given for {} places in an array of {} items of {} bytes",
+                items.len(),
+                size_of::<T>(),
+                places.len(),
+                array.len,
+                array.texel.bytes()
+            )));
+        }
+        if places.is_empty() {
+            return Ok(());
+        }
+        let params = gpu_data::Put {
+            items: places.len() as u32,
+        };
+        let places = self.buffer_of("places", places)?;
+        let items = self.buffer_of("items", items)?;
+        let pass = self
+            .pass(shader)
+            .read(&places)
+            .read(&items)
+            .write(array)
+            .params(&params)
+            .over(params.items)?;
+        let mut work = self.record();
+        pass.record(&mut work);
+        work.submit()
     }
 
     /// A zeroed buffer for storage, indirect arguments, copies, vertices and indices.
