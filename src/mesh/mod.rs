@@ -23,6 +23,7 @@ mod tri_mesh;
 pub use blade::Blade;
 pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
+pub(crate) use cut::splice;
 pub use cut::{TetCut, cut, remove};
 pub use describe::{Description, FieldDescription, RegionDescription};
 pub(crate) use distance::Tree;

@@ -9,7 +9,6 @@ use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Gives every body its own number.
@@ -33,7 +32,7 @@ pub(super) struct Revision {
 pub struct Body {
     pub(super) gpu: Gpu,
     pub(super) id: u64,
-    nodes: Nodes,
+    pub(super) nodes: Nodes,
     pub(super) velocities: Array,
     /// Mass and inverse mass; the inverse is 0 for a pinned node.
     pub(super) masses: Array,
@@ -42,12 +41,17 @@ pub struct Body {
     pub(super) rows: Array,
     pub(super) columns: Array,
     pub(super) springs: Array,
-    pub(super) network: Arc<SpringNetwork>,
+    /// What the three arrays above hold.
+    pub(super) kept_rows: Rows,
+    pub(super) network: SpringNetwork,
+    pub(super) material: Material,
     pub(super) units: Units,
     gravity: DVec3,
-    pinned: Vec<bool>,
-    forces: Vec<[f32; 4]>,
-    masses_changed: bool,
+    pub(super) pinned: Vec<bool>,
+    pub(super) forces: Vec<[f32; 4]>,
+    pub(super) masses_changed: bool,
+    /// Counts cuts: what is bound to the arrays or their lengths is made for one generation.
+    pub(super) generation: u64,
     /// Counts changes of positions and velocities from outside, and changes of any kind.
     revision: Revision,
 }
@@ -69,19 +73,22 @@ impl Body {
         let mut body = Body {
             gpu: gpu.clone(),
             id: BODIES.fetch_add(1, Ordering::Relaxed),
-            velocities: gpu.array_of("velocities", Texel::F32x4, &zero)?,
-            masses: gpu.array("masses", Texel::F32x2, nodes.len())?,
-            external: gpu.array_of("external forces", Texel::F32x4, &zero)?,
-            rows: gpu.array_of("rows", Texel::U32x4, &rows.rows)?,
-            columns: gpu.array_of("columns", Texel::U32x4, &rows.columns)?,
-            springs: gpu.array_of("springs", Texel::F32x2, &rows.springs)?,
+            velocities: gpu.roomy_array("velocities", Texel::F32x4, nodes.len())?,
+            masses: gpu.roomy_array("masses", Texel::F32x2, nodes.len())?,
+            external: gpu.roomy_array("external forces", Texel::F32x4, nodes.len())?,
+            rows: gpu.roomy_array_of("rows", Texel::U32x4, &rows.rows)?,
+            columns: gpu.roomy_array_of("columns", Texel::U32x4, &rows.columns)?,
+            springs: gpu.roomy_array_of("springs", Texel::F32x2, &rows.springs)?,
+            kept_rows: rows,
             pinned: vec![false; nodes.len()],
             nodes,
-            network: Arc::new(network),
+            network,
+            material: material.clone(),
             units,
             gravity: DVec3::ZERO,
             forces: zero,
             masses_changed: true,
+            generation: 0,
             revision: Revision::default(),
         };
         body.flush()?;
@@ -233,7 +240,8 @@ impl Body {
     }
 
     /// The external force on every node, for callers who write it on the GPU: rgba32float, xyz in
-    /// newtons along the file's axes. [`Body::set_forces`] and [`Body::add_force`] overwrite it.
+    /// newtons along the file's axes. [`Body::set_forces`] and [`Body::add_force`] overwrite it;
+    /// a cut may put another array in its place.
     pub fn force_array(&self) -> &Array {
         &self.external
     }
@@ -321,15 +329,18 @@ impl Body {
             .masses
             .iter()
             .zip(&self.pinned)
-            .map(|(m, pinned)| {
-                let mass = (m / self.units.mass) as f32;
-                // A massless node has no equation of motion: it stays.
-                let free = !pinned && mass.is_normal() && (1.0 / mass).is_finite();
-                [mass, if free { 1.0 / mass } else { 0.0 }]
-            })
+            .map(|(mass, pinned)| self.local_mass(*mass, *pinned))
             .collect();
         self.gpu.write_array(&self.masses, &masses)?;
         self.masses_changed = false;
         Ok(())
+    }
+
+    /// A node's mass and inverse mass as the GPU has them.
+    pub(super) fn local_mass(&self, mass: f64, pinned: bool) -> [f32; 2] {
+        let mass = (mass / self.units.mass) as f32;
+        // A massless node has no equation of motion: it stays.
+        let free = !pinned && mass.is_normal() && (1.0 / mass).is_finite();
+        [mass, if free { 1.0 / mass } else { 0.0 }]
     }
 }

@@ -142,14 +142,14 @@ impl stepper::Scheme for Scheme {
     fn new(core: &Core, body: &Body) -> Result<Scheme> {
         let gpu = &core.gpu;
         let nodes = body.node_count();
-        let vector = |label| gpu.array(label, Texel::F32x4, nodes);
+        let vector = |label| gpu.roomy_array(label, Texel::F32x4, nodes);
         let pair = |label| -> Result<[Array; 2]> { Ok([vector(label)?, vector(label)?]) };
         let scalars = || gpu.buffer("cg scalars", size_of::<CgScalars>() as u64);
         let partials = |label| gpu.buffer(label, u64::from(core.groups) * 16);
         Ok(Scheme {
             settings: ConjugateGradients::default(),
-            edges: gpu.array("edges", Texel::F32x4, body.springs.len() as usize)?,
-            preconditioner: gpu.array("preconditioner", Texel::F32x4, 2 * nodes)?,
+            edges: gpu.roomy_array("edges", Texel::F32x4, body.springs.len() as usize)?,
+            preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, 2 * nodes)?,
             product: vector("product")?,
             solution: pair("solution")?,
             residual: pair("residual")?,
@@ -160,6 +160,29 @@ impl stepper::Scheme for Scheme {
             rz_partials: partials("partial r·z")?,
             pq_partials: partials("partial p·q")?,
         })
+    }
+
+    fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
+        let (gpu, nodes) = (&core.gpu, body.node_count());
+        gpu.resize(&mut self.edges, "edges", body.springs.len() as usize)?;
+        gpu.resize(&mut self.preconditioner, "preconditioner", 2 * nodes)?;
+        gpu.resize(&mut self.product, "product", nodes)?;
+        for pair in [
+            &mut self.solution,
+            &mut self.residual,
+            &mut self.preconditioned,
+            &mut self.direction,
+        ] {
+            for vector in pair {
+                gpu.resize(vector, "conjugate gradients", nodes)?;
+            }
+        }
+        let partials = u64::from(core.groups) * 16;
+        if partials > self.rz_partials.size() {
+            self.rz_partials = gpu.buffer("partial r·z", partials)?;
+            self.pq_partials = gpu.buffer("partial p·q", partials)?;
+        }
+        Ok(())
     }
 
     fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {

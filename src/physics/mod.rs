@@ -7,6 +7,7 @@
 //! the CPU; a failure freezes the last good state until somebody asks.
 
 mod body;
+mod cut;
 mod explicit_euler;
 pub mod grid;
 mod guard;

@@ -2,7 +2,7 @@
 //! from, and what the reference steps.
 
 use super::material::{Damping, Material, RegionMaterial, Stiffness};
-use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetMesh};
+use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
 use crate::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -50,28 +50,14 @@ impl SpringNetwork {
         material.check()?;
         let frame = LocalFrame::of_mesh(mesh);
         let unit = material.length_unit;
-        let volumes: Vec<f64> = (0..mesh.tets.len())
-            .into_par_iter()
-            .map(|t| mesh.tet_volume(t).abs() * unit.powi(3))
-            .collect();
-        let made_of = made_of(mesh, material)?;
-        let mut masses = vec![0.0; mesh.nodes.len()];
-        for (t, (tet, volume)) in mesh.tets.iter().zip(&volumes).enumerate() {
-            for v in tet {
-                masses[*v as usize] += made_of(t).density * volume / 4.0;
-            }
-        }
         let rest: Vec<DVec3> = mesh
             .nodes
             .iter()
             .map(|p| (*p - frame.origin) * unit)
             .collect();
-        if !masses.iter().all(|m| m.is_finite()) {
-            return Err(Error::Input(format!(
-                "the masses of this mesh overflow with a length unit of {unit} m; is that the mesh's unit?"
-            )));
-        }
-        let springs = springs(mesh, material, &made_of, &rest, &volumes)?;
+        let matter = Matter::new(mesh, material)?;
+        let masses = matter.masses(0..mesh.tets.len())?;
+        let springs = matter.springs((0..mesh.tets.len()).into_par_iter(), |_| true, &rest)?;
         Ok(SpringNetwork {
             rest,
             masses,
@@ -82,6 +68,56 @@ impl SpringNetwork {
             frame,
             length_unit: unit,
         })
+    }
+
+    /// Follows `cut`, which made `mesh` of the mesh this network was made of: doubled nodes share
+    /// the mass of their tets, and the edges at them become springs anew, each from the tets
+    /// around it, so that the network is what [`SpringNetwork::new`] would make of the mesh.
+    /// Returns the springs at the nodes doubled. Takes time in proportion to the cut, but for
+    /// making room in the lists.
+    ///
+    /// # Errors
+    /// As [`SpringNetwork::new`], and [`Error::Input`] when `mesh` is not the one cut; nothing is
+    /// changed then.
+    pub fn follow(
+        &mut self,
+        mesh: &TetMesh,
+        material: &Material,
+        cut: &TetCut,
+    ) -> Result<Vec<Spring>> {
+        if mesh.nodes.len() != self.rest.len() + cut.doubled.len() {
+            return Err(Error::Input(format!(
+                "a body of {} nodes cannot follow a cut that doubled {} of them in a mesh that has {} now; give it every cut in turn",
+                self.rest.len(),
+                cut.doubled.len(),
+                mesh.nodes.len()
+            )));
+        }
+        if !cut.removed.is_empty() {
+            let frame = self.frame;
+            *self = SpringNetwork::new(mesh, material)?;
+            // Positions stay in the frame they are in.
+            let moved = (self.frame.origin - frame.origin) * self.length_unit;
+            self.rest.iter_mut().for_each(|x| *x += moved);
+            self.frame = frame;
+            return Ok(Vec::new());
+        }
+        let matter = Matter::new(mesh, material)?;
+        let mut rest = self.rest.clone();
+        rest.extend(cut.doubled.iter().map(|[_, old]| self.rest[*old as usize]));
+        let masses = matter.masses(cut.star.iter().map(|t| *t as usize))?;
+        let mut touched = vec![false; mesh.nodes.len()];
+        cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
+        let at_touched = |edge: [u32; 2]| edge.iter().any(|v| touched[*v as usize]);
+        let star = cut.star.par_iter().map(|t| *t as usize);
+        let springs = matter.springs(star, at_touched, &rest)?;
+        splice(&mut self.springs, |s| s.nodes, &cut.edges_before, &springs);
+        self.masses.resize(mesh.nodes.len(), 0.0);
+        for v in &cut.nodes {
+            self.masses[*v as usize] = masses[*v as usize];
+        }
+        self.rest = rest;
+        Ok(springs)
     }
 
     /// κ_d of a spring, N·s/m.
@@ -100,61 +136,113 @@ impl SpringNetwork {
     }
 }
 
-/// The springs along the edges of `mesh`.
-fn springs(
-    mesh: &TetMesh,
-    material: &Material,
-    made_of: &(impl Fn(usize) -> RegionMaterial + Sync),
-    rest: &[DVec3],
-    volumes: &[f64],
-) -> Result<Vec<Spring>> {
-    let node_factors = match &material.node_field {
-        Some(name) => Some(scalar_field(mesh, name, Location::Node)?),
-        None => None,
-    };
-    let mut around: Vec<([u32; 2], u32)> = mesh
-        .tets
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(t, tet)| {
-            TET_EDGES.map(|[a, b]| ([tet[a].min(tet[b]), tet[a].max(tet[b])], t as u32))
+/// What a mesh is made of: the shares of its tets in masses and springs.
+struct Matter<'a, F> {
+    mesh: &'a TetMesh,
+    material: &'a Material,
+    made_of: F,
+    node_factors: Option<&'a [f64]>,
+}
+
+impl<'a> Matter<'a, ()> {
+    fn new(
+        mesh: &'a TetMesh,
+        material: &'a Material,
+    ) -> Result<Matter<'a, impl Fn(usize) -> RegionMaterial + Sync>> {
+        Ok(Matter {
+            mesh,
+            material,
+            made_of: made_of(mesh, material)?,
+            node_factors: match &material.node_field {
+                Some(name) => Some(scalar_field(mesh, name, Location::Node)?),
+                None => None,
+            },
         })
-        .collect();
-    around.par_sort_unstable();
-    let edges: Vec<&[([u32; 2], u32)]> = around.chunk_by(|a, b| a.0 == b.0).collect();
-    let spring = |tets: &&[([u32; 2], u32)]| {
-        let nodes = tets[0].0;
+    }
+}
+
+impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
+    /// Cubic metres.
+    fn volume(&self, tet: usize) -> f64 {
+        self.mesh.tet_volume(tet).abs() * self.material.length_unit.powi(3)
+    }
+
+    /// What `tets`, ascending, contribute to the mass of every node.
+    fn masses(&self, tets: impl Iterator<Item = usize>) -> Result<Vec<f64>> {
+        let mut masses = vec![0.0; self.mesh.nodes.len()];
+        for t in tets {
+            let share = (self.made_of)(t).density * self.volume(t) / 4.0;
+            for v in self.mesh.tets[t] {
+                masses[v as usize] += share;
+            }
+        }
+        if !masses.iter().all(|m| m.is_finite()) {
+            return Err(Error::Input(format!(
+                "the masses of this mesh overflow with a length unit of {} m; is that the mesh's unit?",
+                self.material.length_unit
+            )));
+        }
+        Ok(masses)
+    }
+
+    /// The springs along those edges of `tets` that are `wanted`, sorted. For each, all tets
+    /// around it must be given.
+    fn springs(
+        &self,
+        tets: impl ParallelIterator<Item = usize>,
+        wanted: impl Fn([u32; 2]) -> bool + Sync,
+        rest: &[DVec3],
+    ) -> Result<Vec<Spring>> {
+        let wanted = &wanted;
+        let mut around: Vec<([u32; 2], u32)> = tets
+            .flat_map_iter(|t| {
+                let tet = self.mesh.tets[t];
+                let edge = move |[a, b]: [usize; 2]| [tet[a].min(tet[b]), tet[a].max(tet[b])];
+                let edges = TET_EDGES.into_iter().map(edge);
+                edges.filter(|e| wanted(*e)).map(move |e| (e, t as u32))
+            })
+            .collect();
+        around.par_sort_unstable();
+        let edges: Vec<&[([u32; 2], u32)]> = around.chunk_by(|a, b| a.0 == b.0).collect();
+        let springs: Vec<Spring> = edges
+            .par_iter()
+            .map(|tets| self.spring(tets[0].0, tets.iter().map(|t| t.1 as usize), rest))
+            .collect();
+        match springs
+            .iter()
+            .find(|s| !s.stiffness.is_finite() || s.stiffness < 0.0)
+        {
+            Some(s) => Err(Error::Input(format!(
+                "the spring between nodes {} and {} would have the stiffness {} N/m; check the modulus, the length unit and the fields that scale them",
+                s.nodes[0], s.nodes[1], s.stiffness
+            ))),
+            None => Ok(springs),
+        }
+    }
+
+    /// The spring along an edge with these tets around it.
+    fn spring(&self, nodes: [u32; 2], tets: impl Iterator<Item = usize>, rest: &[DVec3]) -> Spring {
         let [i, j] = nodes.map(|v| v as usize);
         let length = rest[i].distance(rest[j]);
         let (mut volume, mut weighted) = (0.0, 0.0);
-        for (_, t) in tets.iter() {
-            volume += volumes[*t as usize];
-            weighted += volumes[*t as usize] * made_of(*t as usize).stiffness;
+        for t in tets {
+            let share = self.volume(t);
+            volume += share;
+            weighted += share * (self.made_of)(t).stiffness;
         }
-        let stiffness = match material.stiffness {
+        let stiffness = match self.material.stiffness {
             // A zero-length edge has no direction to resist in.
             Stiffness::Young(_) if length * length <= f64::MIN_POSITIVE => 0.0,
             Stiffness::Young(_) => weighted / (length * length),
             Stiffness::Uniform(_) if volume > 0.0 => weighted / volume,
             Stiffness::Uniform(k) => k,
         };
-        let node_factor = node_factors.as_ref().map_or(1.0, |f| 0.5 * (f[i] + f[j]));
+        let node_factor = self.node_factors.map_or(1.0, |f| 0.5 * (f[i] + f[j]));
         Spring {
             nodes,
             stiffness: stiffness * node_factor,
             length,
         }
-    };
-    let springs: Vec<Spring> = edges.par_iter().map(spring).collect();
-    match springs
-        .iter()
-        .find(|s| !s.stiffness.is_finite() || s.stiffness < 0.0)
-    {
-        Some(s) => Err(Error::Input(format!(
-            "the spring between nodes {} and {} would have the stiffness {} N/m; check the modulus, the length unit and the fields that scale them",
-            s.nodes[0], s.nodes[1], s.stiffness
-        ))),
-        None => Ok(springs),
     }
 }
 

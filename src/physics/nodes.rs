@@ -31,13 +31,14 @@ impl Nodes {
             .collect();
         Ok(Nodes {
             gpu: gpu.clone(),
-            positions: gpu.array_of("positions", Texel::F32x4, &local)?,
+            positions: gpu.roomy_array_of("positions", Texel::F32x4, &local)?,
             frame,
             version: 0,
         })
     }
 
-    /// The positions: rgba32float, xyz in the local frame; w is kept as it is by every step.
+    /// The positions: rgba32float, xyz in the local frame; w is kept as it is by every step. A
+    /// cut makes it longer, and may put another in its place.
     pub fn array(&self) -> &Array {
         &self.positions
     }
@@ -88,6 +89,22 @@ impl Nodes {
             .iter()
             .map(|p| self.frame.to_file(Vec3::new(p[0], p[1], p[2])))
             .collect())
+    }
+
+    /// The texels of all nodes, read back.
+    pub(super) fn local(&self) -> Result<Vec<[f32; 4]>> {
+        self.gpu.read_array(&self.positions)
+    }
+
+    /// Adds nodes with these texels at the end.
+    pub(super) fn extend(&mut self, texels: &[[f32; 4]]) -> Result<()> {
+        let first = self.len();
+        let len = first + texels.len();
+        self.gpu.resize(&mut self.positions, "positions", len)?;
+        self.gpu
+            .write_items(&self.positions, first as u32, texels)?;
+        self.mark_moved();
+        Ok(())
     }
 
     /// One finite vector a node, ready for the GPU, with w = 1.

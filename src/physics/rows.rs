@@ -6,7 +6,7 @@
 //! order they are sorted by it, so that invocations running side by side finish together. The
 //! twin of `shaders/lib/springs.wgsl`.
 
-use super::network::SpringNetwork;
+use super::network::{Spring, SpringNetwork};
 use super::units::Units;
 use crate::{Error, Result};
 use glam::Vec3;
@@ -18,13 +18,28 @@ const LANES: usize = 32;
 const WINDOW: usize = 512;
 
 /// The rows as they are uploaded.
+#[derive(Debug)]
 pub(super) struct Rows {
-    /// Of each row: its node, the first texel of its slice in `columns`, its own texels.
+    /// Of each row: its node, the first texel of its slice in `columns`, its own texels, and
+    /// those there is room for.
     pub rows: Vec<[u32; 4]>,
     /// Four neighbours a texel, filled up with the node itself.
     pub columns: Vec<[u32; 4]>,
     /// κ and L of each directed edge, in local units; zero where a row is filled up.
     pub springs: Vec<[f32; 2]>,
+    /// The row of each node.
+    row_of: Vec<u32>,
+}
+
+/// A spring as its node sees it: the other node, κ and L in local units.
+pub(super) type Directed = (u32, f32, f32);
+
+/// What [`Rows::replace`] changed: places in the three lists.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Replaced {
+    pub rows: Vec<u32>,
+    pub columns: Vec<u32>,
+    pub springs: Vec<u32>,
 }
 
 impl Rows {
@@ -33,15 +48,11 @@ impl Rows {
     /// Rest lengths are those of the rounded positions, so that a body at rest has no forces.
     pub fn new(network: &SpringNetwork, rest: &[Vec3], units: &Units) -> Result<Rows> {
         let nodes = rest.len();
-        let mut neighbours: Vec<Vec<(u32, f32, f32)>> = vec![Vec::new(); nodes];
+        let mut neighbours: Vec<Vec<Directed>> = vec![Vec::new(); nodes];
         for s in &network.springs {
-            let [i, j] = s.nodes;
-            let length = rest[i as usize]
-                .as_dvec3()
-                .distance(rest[j as usize].as_dvec3()) as f32;
-            let stiffness = (s.stiffness / units.stiffness()) as f32;
-            neighbours[i as usize].push((j, stiffness, length));
-            neighbours[j as usize].push((i, stiffness, length));
+            for (node, directed) in both_ways(s, |v| rest[v as usize], units) {
+                neighbours[node as usize].push(directed);
+            }
         }
         for row in &mut neighbours {
             row.sort_unstable_by_key(|n| n.0);
@@ -50,36 +61,190 @@ impl Rows {
             rows: Vec::with_capacity(nodes),
             columns: Vec::new(),
             springs: Vec::new(),
+            row_of: vec![0; nodes],
         };
         let mut order: Vec<u32> = (0..nodes as u32).collect();
         for window in order.chunks_mut(WINDOW) {
             window.sort_by_key(|i| std::cmp::Reverse(neighbours[*i as usize].len()));
         }
         for slice in order.chunks(LANES) {
-            let base = built.columns.len();
             let texels = |node: &u32| neighbours[*node as usize].len().div_ceil(4);
             let width = slice.iter().map(texels).max().unwrap_or(0);
-            let end = base + width * LANES;
-            if 4 * end > u32::MAX as usize {
-                return Err(Error::Mesh(
-                    "there are more edges than 32-bit indices allow; use a coarser mesh".into(),
-                ));
-            }
-            built.columns.resize(end, [0; 4]);
-            built.springs.resize(4 * end, [0.0; 2]);
-            for (lane, node) in slice.iter().enumerate() {
-                built
-                    .rows
-                    .push([*node, base as u32, texels(node) as u32, 0]);
-                let row = &neighbours[*node as usize];
-                for e in 0..4 * width {
-                    let (other, stiffness, length) =
-                        row.get(e).copied().unwrap_or((*node, 0.0, 0.0));
-                    built.columns[base + (e / 4) * LANES + lane][e % 4] = other;
-                    built.springs[4 * base + e * LANES + lane] = [stiffness, length];
-                }
+            let base = built.new_slice(width)?;
+            for node in slice {
+                built.row_of[*node as usize] = built.rows.len() as u32;
+                built.rows.push([*node, base, 0, width as u32]);
+                built.fill(*node, &neighbours[*node as usize]);
             }
         }
         Ok(built)
+    }
+
+    /// Room for [`LANES`] rows of `width` texels: its first.
+    fn new_slice(&mut self, width: usize) -> Result<u32> {
+        let base = self.columns.len();
+        let end = base + width * LANES;
+        if 4 * end > u32::MAX as usize {
+            return Err(Error::Mesh(
+                "there are more edges than 32-bit indices allow; use a coarser mesh".into(),
+            ));
+        }
+        self.columns.resize(end, [0; 4]);
+        self.springs.resize(4 * end, [0.0; 2]);
+        Ok(base as u32)
+    }
+
+    /// Writes the row of `node`, for which there is room, and fills it up with the node.
+    fn fill(&mut self, node: u32, row: &[Directed]) {
+        let t = self.row_of[node as usize] as usize;
+        let [_, base, _, room] = self.rows[t];
+        self.rows[t][2] = row.len().div_ceil(4) as u32;
+        for e in 0..4 * room as usize {
+            let (other, stiffness, length) = row.get(e).copied().unwrap_or((node, 0.0, 0.0));
+            let (column, spring) = places(base, t, e);
+            self.columns[column][e % 4] = other;
+            self.springs[spring] = [stiffness, length];
+        }
+    }
+
+    /// The springs of `node`.
+    pub fn row(&self, node: u32) -> impl Iterator<Item = Directed> + '_ {
+        let t = self.row_of[node as usize] as usize;
+        let [_, base, texels, _] = self.rows[t];
+        (0..4 * texels as usize)
+            .map(move |e| {
+                let (column, spring) = places(base, t, e);
+                let [stiffness, length] = self.springs[spring];
+                (self.columns[column][e % 4], stiffness, length)
+            })
+            .filter(move |directed| directed.0 != node)
+    }
+
+    /// Gives nodes other springs; nodes beyond those there are are added. A row that no longer
+    /// fits its slice moves to a new one at the end of the lists, which it shares with others.
+    pub fn replace(&mut self, mut given: Vec<(u32, Vec<Directed>)>) -> Result<Replaced> {
+        let count = given.iter().map(|(node, _)| *node + 1).max().unwrap_or(0);
+        for node in self.row_of.len() as u32..count {
+            self.row_of.push(self.rows.len() as u32);
+            self.rows.push([node, 0, 0, 0]);
+        }
+        // The longest first, so that whoever joins a slice fits it.
+        given.sort_by_key(|(node, row)| (std::cmp::Reverse(row.len()), *node));
+        let mut slices: Vec<([bool; LANES], u32, u32)> = Vec::new();
+        let mut replaced = Replaced::default();
+        for (node, row) in &mut given {
+            row.sort_unstable_by_key(|directed| directed.0);
+            let t = self.row_of[*node as usize];
+            let width = row.len().div_ceil(4);
+            if width > self.rows[t as usize][3] as usize {
+                let lane = t as usize % LANES;
+                let free = slices.iter().position(|(taken, _, _)| !taken[lane]);
+                let slice = match free {
+                    Some(slice) => slice,
+                    None => {
+                        let base = self.new_slice(width)?;
+                        slices.push(([false; LANES], base, width as u32));
+                        slices.len() - 1
+                    }
+                };
+                let (taken, base, room) = &mut slices[slice];
+                taken[lane] = true;
+                (self.rows[t as usize][1], self.rows[t as usize][3]) = (*base, *room);
+            }
+            self.fill(*node, row);
+            let [_, base, _, room] = self.rows[t as usize];
+            replaced.rows.push(t);
+            for e in 0..4 * room as usize {
+                let (column, spring) = places(base, t as usize, e);
+                replaced.springs.push(spring as u32);
+                if e % 4 == 0 {
+                    replaced.columns.push(column as u32);
+                }
+            }
+        }
+        Ok(replaced)
+    }
+}
+
+/// Where entry e of row t lies, in the slice that begins at `base`: its texel in `columns`, its
+/// place in `springs`.
+fn places(base: u32, t: usize, e: usize) -> (usize, usize) {
+    let (base, lane) = (base as usize, t % LANES);
+    (base + e / 4 * LANES + lane, 4 * base + e * LANES + lane)
+}
+
+/// A spring as its two nodes see it, whose nodes rest at the local positions `rest`.
+pub(super) fn both_ways(
+    spring: &Spring,
+    rest: impl Fn(u32) -> Vec3,
+    units: &Units,
+) -> [(u32, Directed); 2] {
+    let [i, j] = spring.nodes;
+    let length = rest(i).as_dvec3().distance(rest(j).as_dvec3()) as f32;
+    let stiffness = (spring.stiffness / units.stiffness()) as f32;
+    [(i, (j, stiffness, length)), (j, (i, stiffness, length))]
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn rows_of(lists: &[Vec<Directed>]) -> Rows {
+        let empty = Rows {
+            rows: Vec::new(),
+            columns: Vec::new(),
+            springs: Vec::new(),
+            row_of: Vec::new(),
+        };
+        let mut rows = empty;
+        let given = lists.iter().cloned().enumerate();
+        rows.replace(given.map(|(i, row)| (i as u32, row)).collect())
+            .unwrap();
+        rows
+    }
+
+    #[test]
+    fn rows_are_replaced_moved_and_added() {
+        let directed = |j: u32| (j, j as f32, 0.5);
+        let list = |node: u32, count: u32| -> Vec<Directed> {
+            (0..count).map(|k| directed((node + 1 + k) % 90)).collect()
+        };
+        let mut lists: Vec<Vec<Directed>> = (0..70).map(|i| list(i, 3 + i % 9)).collect();
+        let mut rows = rows_of(&lists);
+        let check = |rows: &Rows, lists: &[Vec<Directed>]| {
+            for (i, list) in lists.iter().enumerate() {
+                let mut list = list.clone();
+                list.sort_unstable_by_key(|d| d.0);
+                assert_eq!(rows.row(i as u32).collect::<Vec<_>>(), list, "{i}");
+            }
+        };
+        check(&rows, &lists);
+        // One becomes shorter, two in the same lane longer than they have room for, one is new.
+        let changes = [(7, 2), (3, 30), (35, 20), (70, 5)];
+        let texels = rows.columns.len();
+        let given = changes.map(|(node, count)| (node, list(node, count)));
+        lists.push(Vec::new());
+        for (node, list) in &given {
+            lists[*node as usize] = list.clone();
+        }
+        let before = (
+            rows.rows.clone(),
+            rows.columns.clone(),
+            rows.springs.clone(),
+        );
+        let replaced = rows.replace(given.to_vec()).unwrap();
+        check(&rows, &lists);
+        assert_eq!(rows.columns.len(), texels + (8 + 5) * LANES);
+        // What is not named has not changed.
+        for (t, row) in before.0.iter().enumerate() {
+            assert!(rows.rows[t] == *row || replaced.rows.contains(&(t as u32)));
+        }
+        for (k, column) in before.1.iter().enumerate() {
+            assert!(rows.columns[k] == *column || replaced.columns.contains(&(k as u32)));
+        }
+        for (k, spring) in before.2.iter().enumerate() {
+            assert!(rows.springs[k] == *spring || replaced.springs.contains(&(k as u32)));
+        }
     }
 }

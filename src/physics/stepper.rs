@@ -64,6 +64,8 @@ pub struct Core {
     pub(super) status: wgpu::Buffer,
     history: wgpu::Buffer,
     body: u64,
+    /// Of the body, when the arrays were made for it.
+    generation: u64,
     texels: u32,
 }
 
@@ -107,6 +109,16 @@ pub trait Scheme: Sized {
     /// # Errors
     /// What the device refuses.
     fn new(core: &Core, body: &Body) -> Result<Self>;
+
+    /// Makes what it keeps as long as a cut has made the body; the steps that follow start
+    /// afresh.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
+        *self = Self::new(core, body)?;
+        Ok(())
+    }
 
     /// The passes of its step.
     ///
@@ -199,6 +211,11 @@ impl<S: Scheme> Stepper<S> {
             ));
         }
         body.flush()?;
+        if body.generation != self.core.generation {
+            self.prepared = None;
+            self.core.follow(body)?;
+            self.scheme.follow(&self.core, body)?;
+        }
         let (revision, gravity) = (body.revision(), body.gravity());
         let known = self.prepared.take();
         let mut start = match &known {
@@ -368,17 +385,23 @@ impl<S: Scheme> Solver for Stepper<S> {
     }
 }
 
+/// Threads a workgroup, and workgroups, of passes that sum over `nodes`.
+fn workgroups(gpu: &Gpu, nodes: usize) -> (u32, u32) {
+    // On a software adapter a workgroup costs microseconds: a few a core. A GPU wants many.
+    let cores = std::thread::available_parallelism().map_or(4, usize::from) as u32;
+    let (workgroup, most) = match gpu.adapter().device_type {
+        wgpu::DeviceType::Cpu => (64, (4 * cores).min(256)),
+        _ => (256, 512),
+    };
+    let groups = (nodes as u32).div_ceil(workgroup).clamp(1, most);
+    (workgroup, groups)
+}
+
 impl Core {
     fn new(gpu: &Gpu, body: &Body) -> Result<Core> {
         let nodes = body.node_count();
-        // On a software adapter a workgroup costs microseconds: a few a core. A GPU wants many.
-        let cores = std::thread::available_parallelism().map_or(4, usize::from) as u32;
-        let (workgroup, most) = match gpu.adapter().device_type {
-            wgpu::DeviceType::Cpu => (64, (4 * cores).min(256)),
-            _ => (256, 512),
-        };
-        let groups = (nodes as u32).div_ceil(workgroup).clamp(1, most);
-        let array = |label| gpu.array(label, Texel::F32x4, nodes);
+        let (workgroup, groups) = workgroups(gpu, nodes);
+        let array = |label| gpu.roomy_array(label, Texel::F32x4, nodes);
         Ok(Core {
             gpu: gpu.clone(),
             nodes: nodes as u32,
@@ -391,8 +414,26 @@ impl Core {
             status: gpu.buffer("status", size_of::<Status>() as u64)?,
             history: gpu.buffer("history", u64::from(HISTORY) * 16)?,
             body: body.id,
+            generation: body.generation,
             texels: body.columns.len(),
         })
+    }
+
+    /// Makes its arrays as long as a cut has made the body; the count of steps goes on.
+    fn follow(&mut self, body: &Body) -> Result<()> {
+        let (gpu, nodes) = (self.gpu.clone(), body.node_count());
+        gpu.resize(&mut self.next_positions, "next positions", nodes)?;
+        gpu.resize(&mut self.next_velocities, "next velocities", nodes)?;
+        gpu.resize(&mut self.forces, "forces", nodes)?;
+        let (_, groups) = workgroups(&gpu, nodes);
+        if groups > self.groups {
+            self.partials = gpu.buffer("partial energies", u64::from(groups) * 16)?;
+        }
+        self.groups = groups;
+        self.nodes = nodes as u32;
+        self.generation = body.generation;
+        self.texels = body.columns.len();
+        Ok(())
     }
 
     fn prepare(&self, body: &Body, step: StepPasses, dt: f64, local_dt: f32) -> Result<Prepared> {

@@ -31,8 +31,17 @@ impl stepper::Scheme for Scheme {
     fn new(core: &Core, body: &Body) -> Result<Scheme> {
         let nodes = body.node_count();
         Ok(Scheme {
-            half_velocities: core.gpu.array("half velocities", Texel::F32x4, nodes)?,
+            half_velocities: core
+                .gpu
+                .roomy_array("half velocities", Texel::F32x4, nodes)?,
         })
+    }
+
+    fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
+        let half = &mut self.half_velocities;
+        core.gpu
+            .resize(half, "half velocities", body.node_count())?;
+        Ok(())
     }
 
     fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {

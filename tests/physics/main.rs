@@ -5,6 +5,7 @@
 mod bar;
 mod bodies;
 mod common;
+mod cuts;
 mod derivatives;
 mod failures;
 mod grids;

@@ -1,0 +1,194 @@
+//! A body that follows the cuts made in its mesh: only what a cut has changed goes to the GPU.
+
+use super::Body;
+use super::rows::{Directed, Rows, both_ways};
+use crate::gpu::{Array, Gpu};
+use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
+use crate::{Error, Result};
+use glam::Vec3;
+use std::collections::BTreeMap;
+
+impl Body {
+    /// Cuts the body along `blade` (file units) where it stands now, and with it `mesh`, the mesh
+    /// it was made of, and that mesh's `topology`; see [`cut`](crate::mesh::cut()). Waits for what
+    /// was submitted and reads positions and velocities back.
+    ///
+    /// Doubles stand and move as the node they come from, pinned where it is, and share its mass
+    /// and its external force as the tets on either side of the cut have it: mass and momentum
+    /// stay what they are. Springs are those of the new edges. Solvers go on with the next step,
+    /// afresh from positions and velocities; a `Geometry` or `Surface` that draws the body has to
+    /// follow too. A blade that hits nothing changes nothing and says so:
+    /// [`TetCut::is_empty`].
+    ///
+    /// # Errors
+    /// As [`cut`](crate::mesh::cut()) and [`Body::follow`].
+    pub fn cut(
+        &mut self,
+        mesh: &mut TetMesh,
+        topology: &mut Topology,
+        blade: &Blade,
+    ) -> Result<TetCut> {
+        self.check_mesh(mesh)?;
+        let positions = self.positions()?;
+        let done = cut(mesh, topology, &positions, blade)?;
+        self.follow(mesh, &done)?;
+        Ok(done)
+    }
+
+    /// Takes `tets` out of the body, and out of `mesh`, the mesh it was made of; see
+    /// [`remove`](crate::mesh::remove()). Nodes that are left without tets stay where they are,
+    /// without mass.
+    ///
+    /// # Errors
+    /// As [`remove`](crate::mesh::remove()) and [`Body::follow`].
+    pub fn remove(
+        &mut self,
+        mesh: &mut TetMesh,
+        topology: &mut Topology,
+        tets: &[u32],
+    ) -> Result<TetCut> {
+        self.check_mesh(mesh)?;
+        let done = remove(mesh, topology, tets)?;
+        self.follow(mesh, &done)?;
+        Ok(done)
+    }
+
+    /// Takes over a cut that made `mesh` of the mesh the body was made of, or the one before.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when `mesh` is not that mesh, [`Error::Gpu`] when the device cannot hold
+    /// what has become of it.
+    pub fn follow(&mut self, mesh: &TetMesh, cut: &TetCut) -> Result<()> {
+        if cut.is_empty() {
+            return self.check_mesh(mesh);
+        }
+        let springs = self.network.follow(mesh, &self.material, cut)?;
+        self.double(cut)?;
+        let frame = self.nodes.frame();
+        let rest = |v: u32| frame.to_local(mesh.nodes[v as usize]);
+        if cut.removed.is_empty() {
+            let mut lists = self.lists_around(cut);
+            for spring in &springs {
+                for (node, directed) in both_ways(spring, rest, &self.units) {
+                    lists.entry(node).or_default().push(directed);
+                }
+            }
+            let replaced = self.kept_rows.replace(lists.into_iter().collect())?;
+            self.fit_rows()?;
+            let kept = &self.kept_rows;
+            put(&self.gpu, &self.rows, &replaced.rows, &kept.rows)?;
+            put(&self.gpu, &self.columns, &replaced.columns, &kept.columns)?;
+            put(&self.gpu, &self.springs, &replaced.springs, &kept.springs)?;
+            let mass = |v: &u32| {
+                let v = *v as usize;
+                self.local_mass(self.network.masses[v], self.pinned[v])
+            };
+            let masses: Vec<[f32; 2]> = cut.nodes.iter().map(mass).collect();
+            self.gpu.put(&self.masses, &cut.nodes, &masses)?;
+        } else {
+            let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
+            self.kept_rows = Rows::new(&self.network, &rest, &self.units)?;
+            self.fit_rows()?;
+            self.gpu.write_array(&self.rows, &self.kept_rows.rows)?;
+            self.gpu
+                .write_array(&self.columns, &self.kept_rows.columns)?;
+            self.gpu
+                .write_array(&self.springs, &self.kept_rows.springs)?;
+            self.masses_changed = true;
+        }
+        self.generation += 1;
+        self.changed();
+        Ok(())
+    }
+
+    fn check_mesh(&self, mesh: &TetMesh) -> Result<()> {
+        if mesh.nodes.len() == self.node_count() {
+            return Ok(());
+        }
+        Err(Error::Input(format!(
+            "a body of {} nodes cannot be cut with a mesh of {}; give the mesh it was made of",
+            self.node_count(),
+            mesh.nodes.len()
+        )))
+    }
+
+    /// The springs that stay, of every node that has one at a node the cut has doubled.
+    fn lists_around(&self, cut: &TetCut) -> BTreeMap<u32, Vec<Directed>> {
+        let mut touched = vec![false; self.network.rest.len()];
+        cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
+        let mut lists = BTreeMap::new();
+        for node in cut.edges_before.iter().flatten() {
+            lists
+                .entry(*node)
+                .or_insert_with(|| match touched[*node as usize] {
+                    true => Vec::new(),
+                    false => {
+                        let row = self.kept_rows.row(*node);
+                        row.filter(|other| !touched[other.0 as usize]).collect()
+                    }
+                });
+        }
+        lists
+    }
+
+    /// Gives the doubles the state of the nodes they come from, and shares these nodes' loads.
+    fn double(&mut self, cut: &TetCut) -> Result<()> {
+        let positions = self.nodes.local()?;
+        let velocities: Vec<[f32; 4]> = self.gpu.read_array(&self.velocities)?;
+        let of = |texels: &[[f32; 4]]| -> Vec<[f32; 4]> {
+            let old = cut.doubled.iter().map(|[_, old]| *old as usize);
+            old.map(|old| texels[old]).collect()
+        };
+        let first = positions.len();
+        let len = first + cut.doubled.len();
+        self.nodes.extend(&of(&positions))?;
+        let gpu = self.gpu.clone();
+        gpu.resize(&mut self.velocities, "velocities", len)?;
+        gpu.write_items(&self.velocities, first as u32, &of(&velocities))?;
+        gpu.resize(&mut self.masses, "masses", len)?;
+        for [_, old] in &cut.doubled {
+            self.pinned.push(self.pinned[*old as usize]);
+        }
+        gpu.resize(&mut self.external, "external forces", len)?;
+        let shared = self.share_forces(cut);
+        let from = if shared { 0 } else { first };
+        gpu.write_items(&self.external, from as u32, &self.forces[from..])
+    }
+
+    /// Shares the forces on nodes that were doubled by mass. Returns whether there were any.
+    fn share_forces(&mut self, cut: &TetCut) -> bool {
+        let mut any = false;
+        self.forces.resize(self.network.rest.len(), [0.0; 4]);
+        for doubles in cut.doubled.chunk_by(|a, b| a[1] == b[1]) {
+            let old = doubles[0][1] as usize;
+            let force = self.forces[old];
+            if force[..3] == [0.0; 3] {
+                continue;
+            }
+            any = true;
+            let nodes = || doubles.iter().map(|d| d[0] as usize).chain([old]);
+            let masses = &self.network.masses;
+            let whole: f64 = nodes().map(|v| masses[v]).sum();
+            for v in nodes() {
+                let share = if whole > 0.0 { masses[v] / whole } else { 0.0 };
+                self.forces[v] = force.map(|f| f * share as f32);
+            }
+        }
+        any
+    }
+
+    /// Makes the arrays of the springs as long as what is kept of them here.
+    fn fit_rows(&mut self) -> Result<()> {
+        let (gpu, kept) = (&self.gpu, &self.kept_rows);
+        gpu.resize(&mut self.rows, "rows", kept.rows.len())?;
+        gpu.resize(&mut self.columns, "columns", kept.columns.len())?;
+        gpu.resize(&mut self.springs, "springs", kept.springs.len())?;
+        Ok(())
+    }
+}
+
+/// Sends the items of `kept` at `places`.
+fn put<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, places: &[u32], kept: &[T]) -> Result<()> {
+    let items: Vec<T> = places.iter().map(|p| kept[*p as usize]).collect();
+    gpu.put(array, places, &items)
+}
