@@ -5,7 +5,9 @@
 //! that positions come straight from whoever moves them.
 
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
-use crate::mesh::{BoundaryFace, FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, morton_order};
+use crate::mesh::{
+    FACES, LocalFrame, NO_NEIGHBOUR, TetCut, TetMesh, Topology, morton_order, splice,
+};
 use crate::{Error, Result};
 
 mod gpu_data {
@@ -78,6 +80,10 @@ pub struct Geometry {
     refresh: Pass,
     inverted: wgpu::Buffer,
     count_inverted: Pass,
+    /// Where each tet of the mesh is kept.
+    place: Vec<u32>,
+    /// Counts cuts: what is prepared for its arrays is made for one generation.
+    pub(super) generation: u64,
     /// Counts the changes of the positions, and the one that the records were made for.
     version: u64,
     refreshed: u64,
@@ -99,46 +105,55 @@ impl Geometry {
         scalars: impl Into<Scalars<'a>>,
     ) -> Result<Geometry> {
         let scalars = scalars.into();
+        let range = scalar_range(scalars.values());
+        Geometry::with_range(gpu, mesh, topology, frame, positions, scalars, range)
+    }
+
+    fn with_range(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        topology: &Topology,
+        frame: LocalFrame,
+        positions: &Array,
+        scalars: Scalars,
+        range: (f64, f64),
+    ) -> Result<Geometry> {
         check_input(mesh, positions, scalars)?;
         let order = morton_order(mesh);
+        let mut place = vec![0u32; order.len()];
+        for (slot, t) in order.iter().enumerate() {
+            place[*t as usize] = slot as u32;
+        }
+        let placed = Placed {
+            mesh,
+            topology,
+            place: &place,
+        };
         let tets: Vec<[u32; 4]> = order.iter().map(|t| mesh.tets[*t as usize]).collect();
-        let neighbours = reordered(&topology.neighbours, &order);
-        let boundary_faces = boundary(&tets, &neighbours);
-        let range = scalar_range(scalars.values());
-        let share = |s: &f64| ((s - range.0) / (range.1 - range.0)) as f32;
+        let links: Vec<[u32; 2]> = order.iter().flat_map(|t| placed.links(*t)).collect();
+        let boundary_faces: Vec<[u32; 4]> = order.iter().flat_map(|t| placed.bare(*t)).collect();
         let (nodes, cells): (Vec<f32>, Vec<f32>) = match scalars {
-            Scalars::Nodes(values) => (values.iter().map(share).collect(), vec![0.0]),
+            Scalars::Nodes(values) => {
+                let shares = values.iter().map(|s| share(*s, range));
+                (shares.collect(), vec![0.0])
+            }
             Scalars::Cells(values) => {
-                let sorted = order.iter().map(|t| share(&values[*t as usize]));
+                let sorted = order.iter().map(|t| share(values[*t as usize], range));
                 (vec![0.0; mesh.nodes.len()], sorted.collect())
             }
         };
         let mut records = vec![[0u32; 4]; RECORD * tets.len()];
-        for (record, n) in records.chunks_exact_mut(RECORD).zip(&neighbours) {
-            record[RECORD_LINKS] = *n;
+        for (record, t) in records.chunks_exact_mut(RECORD).zip(&order) {
+            record[RECORD_LINKS] = placed.neighbours(*t);
         }
         let per_cell = matches!(scalars, Scalars::Cells(_));
-        let scalars = gpu.array_of("scalars", Texel::F32, &nodes)?;
+        let scalars = gpu.roomy_array_of("scalars", Texel::F32, &nodes)?;
         let cells = gpu.array_of("cell scalars", Texel::F32, &cells)?;
         let nodes = gpu.array_of("tets", Texel::U32x4, &tets)?;
         let records = gpu.array_of("tet records", Texel::U32x4, &records)?;
         let inverted = gpu.buffer("inverted tets", 4)?;
-        let count = tets.len() as u32;
-        let refresh = gpu
-            .pass("render/refresh_geometry")
-            .read(positions)
-            .read(&scalars)
-            .read(&nodes)
-            .write(&records)
-            .params(&gpu_data::Refresh { tets: count })
-            .over(count)?;
-        let count_inverted = gpu
-            .pass("render/count_inverted")
-            .read(positions)
-            .read(&nodes)
-            .write(&inverted)
-            .params(&gpu_data::Count { tets: count })
-            .over(count)?;
+        let refresh = refresh_pass(gpu, positions, &scalars, &nodes, &records)?;
+        let count_inverted = count_pass(gpu, positions, &nodes, &inverted)?;
         Ok(Geometry {
             gpu: gpu.clone(),
             frame,
@@ -148,18 +163,154 @@ impl Geometry {
             scalars,
             cells,
             per_cell,
-            links: gpu.array_of("links", Texel::U32x2, &links(&tets, &neighbours))?,
-            boundary: gpu.array_of("boundary", Texel::U32x4, &boundary_faces)?,
+            links: gpu.array_of("links", Texel::U32x2, &links)?,
+            boundary: gpu.roomy_array_of("boundary", Texel::U32x4, &boundary_faces)?,
             boundary_faces,
             tets: nodes,
-            projected: gpu.array("projected nodes", Texel::F32x4, mesh.nodes.len())?,
+            projected: gpu.roomy_array("projected nodes", Texel::F32x4, mesh.nodes.len())?,
             records,
             refresh,
             inverted,
             count_inverted,
+            place,
+            generation: 0,
             version: 1,
             refreshed: 0,
         })
+    }
+
+    /// Takes over a cut that made `mesh` and `topology` of those it was prepared for, or of those
+    /// after the cut before: the next picture shows the gap. `positions` are those of the mesh as
+    /// it is now, and `scalars` its values; of these only the new nodes' are looked at. What a cut
+    /// has changed is sent, and the boundary from the first new face on; after a removal of tets
+    /// everything is.
+    ///
+    /// # Errors
+    /// As [`Geometry::new`]; nothing is changed when `mesh` is not the one cut.
+    pub fn follow<'a>(
+        &mut self,
+        mesh: &TetMesh,
+        topology: &Topology,
+        cut: &TetCut,
+        positions: &Array,
+        scalars: impl Into<Scalars<'a>>,
+    ) -> Result<()> {
+        let scalars = scalars.into();
+        check_input(mesh, positions, scalars)?;
+        let known = self.scalars.len() as usize;
+        if matches!(scalars, Scalars::Cells(_)) != self.per_cell {
+            return Err(Error::Input(
+                "a geometry made with scalars at the nodes, or in the tets, follows a cut with scalars there"
+                    .into(),
+            ));
+        }
+        if known + cut.doubled.len() != mesh.nodes.len()
+            || self.place.len() != mesh.tets.len() + cut.removed.len()
+        {
+            return Err(Error::Input(format!(
+                "a geometry of {known} nodes and {} tets cannot follow a cut that doubled {} nodes and removed {} tets, to a mesh of {} and {}; give it every cut in turn",
+                self.place.len(),
+                cut.doubled.len(),
+                cut.removed.len(),
+                mesh.nodes.len(),
+                mesh.tets.len()
+            )));
+        }
+        if cut.is_empty() {
+            return Ok(());
+        }
+        let generation = self.generation + 1;
+        if cut.removed.is_empty() {
+            self.open(mesh, topology, cut, positions, scalars)?;
+        } else {
+            let (gpu, version) = (self.gpu.clone(), self.version);
+            *self = Geometry::with_range(
+                &gpu, mesh, topology, self.frame, positions, scalars, self.range,
+            )?;
+            self.version += version;
+        }
+        self.generation = generation;
+        self.moved();
+        Ok(())
+    }
+
+    /// [`Geometry::follow`], where no tets were removed.
+    fn open(
+        &mut self,
+        mesh: &TetMesh,
+        topology: &Topology,
+        cut: &TetCut,
+        positions: &Array,
+        scalars: Scalars,
+    ) -> Result<()> {
+        let gpu = self.gpu.clone();
+        let known = self.scalars.len();
+        let shares: Vec<f32> = match scalars {
+            Scalars::Nodes(values) => {
+                let new = values[known as usize..].iter();
+                new.map(|s| share(*s, self.range)).collect()
+            }
+            Scalars::Cells(_) => vec![0.0; cut.doubled.len()],
+        };
+        let nodes = mesh.nodes.len();
+        let replaced = gpu.resize(&mut self.scalars, "scalars", nodes)?;
+        gpu.write_items(&self.scalars, known, &shares)?;
+        gpu.resize(&mut self.projected, "projected nodes", nodes)?;
+        let moved_away = self.positions.texture() != positions.texture();
+        self.positions = positions.clone();
+
+        let placed = Placed {
+            mesh,
+            topology,
+            place: &self.place,
+        };
+        let slot = |t: &u32| self.place[*t as usize];
+        let slots: Vec<u32> = cut.tets.iter().map(slot).collect();
+        let tets: Vec<[u32; 4]> = cut.tets.iter().map(|t| mesh.tets[*t as usize]).collect();
+        gpu.put(&self.tets, &slots, &tets)?;
+        let places: Vec<u32> = slots
+            .iter()
+            .map(|s| s * RECORD as u32 + RECORD_LINKS as u32)
+            .collect();
+        let across: Vec<[u32; 4]> = cut.tets.iter().map(|t| placed.neighbours(*t)).collect();
+        gpu.put(&self.records, &places, &across)?;
+        // A link holds the nodes of the tet behind it.
+        let behind = cut
+            .tets
+            .iter()
+            .flat_map(|t| topology.neighbours[*t as usize]);
+        let behind = behind
+            .filter(|code| *code != NO_NEIGHBOUR)
+            .map(|code| code / 4);
+        let mut linked: Vec<u32> = cut.tets.iter().copied().chain(behind).collect();
+        linked.sort_unstable();
+        linked.dedup();
+        let places: Vec<u32> = linked
+            .iter()
+            .flat_map(|t| [0, 1, 2, 3].map(|k| 4 * slot(t) + k))
+            .collect();
+        let links: Vec<[u32; 2]> = linked.iter().flat_map(|t| placed.links(*t)).collect();
+        gpu.put(&self.links, &places, &links)?;
+
+        let mut bare: Vec<[u32; 4]> = cut.tets.iter().flat_map(|t| placed.bare(*t)).collect();
+        bare.sort_unstable_by_key(|face| face[3]);
+        let mut gone: Vec<u32> = slots
+            .iter()
+            .flat_map(|s| [0, 1, 2, 3].map(|f| 4 * s + f))
+            .collect();
+        gone.sort_unstable();
+        splice(&mut self.boundary_faces, |face| face[3], &gone, &bare);
+        gpu.resize(&mut self.boundary, "boundary", self.boundary_faces.len())?;
+        let first_code = gone.first().copied().unwrap_or(0);
+        let first = self.boundary_faces.partition_point(|f| f[3] < first_code);
+        gpu.write_items(&self.boundary, first as u32, &self.boundary_faces[first..])?;
+
+        if replaced || moved_away {
+            let (scalars, tets) = (&self.scalars, &self.tets);
+            self.refresh = refresh_pass(&gpu, positions, scalars, tets, &self.records)?;
+            self.count_inverted = count_pass(&gpu, positions, tets, &self.inverted)?;
+        }
+        Ok(())
     }
 
     /// Prepares `mesh` where its file has it; to be moved by nobody.
@@ -299,53 +450,83 @@ fn longest_edge(mesh: &TetMesh, topology: &Topology) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Neighbours with the tets in `order`.
-fn reordered(neighbours: &[[u32; 4]], order: &[u32]) -> Vec<[u32; 4]> {
-    let mut place = vec![0u32; order.len()];
-    for (new, old) in order.iter().enumerate() {
-        place[*old as usize] = new as u32;
+fn refresh_pass(
+    gpu: &Gpu,
+    positions: &Array,
+    scalars: &Array,
+    tets: &Array,
+    records: &Array,
+) -> Result<Pass> {
+    gpu.pass("render/refresh_geometry")
+        .read(positions)
+        .read(scalars)
+        .read(tets)
+        .write(records)
+        .params(&gpu_data::Refresh { tets: tets.len() })
+        .over(tets.len())
+}
+
+fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffer) -> Result<Pass> {
+    gpu.pass("render/count_inverted")
+        .read(positions)
+        .read(tets)
+        .write(inverted)
+        .params(&gpu_data::Count { tets: tets.len() })
+        .over(tets.len())
+}
+
+/// A scalar as a share of the range.
+fn share(scalar: f64, range: (f64, f64)) -> f32 {
+    ((scalar - range.0) / (range.1 - range.0)) as f32
+}
+
+/// A mesh whose tets are kept elsewhere than they are listed: tets are asked for by their number
+/// in the mesh, and told by their place.
+struct Placed<'a> {
+    mesh: &'a TetMesh,
+    topology: &'a Topology,
+    place: &'a [u32],
+}
+
+impl Placed<'_> {
+    /// 4 tet + face across each face.
+    fn neighbours(&self, t: u32) -> [u32; 4] {
+        self.topology.neighbours[t as usize].map(|code| match code {
+            NO_NEIGHBOUR => NO_NEIGHBOUR,
+            code => 4 * self.place[code as usize / 4] + code % 4,
+        })
     }
-    let moved = |code: u32| match code {
-        NO_NEIGHBOUR => NO_NEIGHBOUR,
-        code => 4 * place[code as usize / 4] + code % 4,
-    };
-    order
-        .iter()
-        .map(|t| neighbours[*t as usize].map(moved))
-        .collect()
-}
 
-/// For tet t and the face opposite its k-th smallest node, at 4 t + k: the neighbour, and the
-/// exclusive or of the neighbour's nodes.
-fn links(tets: &[[u32; 4]], neighbours: &[[u32; 4]]) -> Vec<[u32; 2]> {
-    let link = |code: u32| match tets.get(code as usize / 4) {
-        Some([a, b, c, d]) if code != NO_NEIGHBOUR => [code / 4, a ^ b ^ c ^ d],
-        _ => [NO_NEIGHBOUR, 0],
-    };
-    tets.iter()
-        .zip(neighbours)
-        .flat_map(|(tet, across)| {
-            let mut ranked = [0, 1, 2, 3];
-            ranked.sort_by_key(|i: &usize| tet[*i]);
-            ranked.map(|i| link(across[i]))
+    /// Across the face opposite the k-th smallest node: the neighbour, and the exclusive or of
+    /// its nodes.
+    fn links(&self, t: u32) -> [[u32; 2]; 4] {
+        let (tet, across) = (
+            self.mesh.tets[t as usize],
+            self.topology.neighbours[t as usize],
+        );
+        let mut ranked = [0, 1, 2, 3];
+        ranked.sort_by_key(|i: &usize| tet[*i]);
+        ranked.map(|i| match across[i] {
+            NO_NEIGHBOUR => [NO_NEIGHBOUR, 0],
+            code => {
+                let [a, b, c, d] = self.mesh.tets[code as usize / 4];
+                [self.place[code as usize / 4], a ^ b ^ c ^ d]
+            }
         })
-        .collect()
-}
+    }
 
-/// Each boundary face's nodes, counter-clockwise from outside, and 4 tet + face, sorted by that.
-fn boundary(tets: &[[u32; 4]], neighbours: &[[u32; 4]]) -> Vec<[u32; 4]> {
-    let faces = neighbours.iter().enumerate().flat_map(|(t, across)| {
+    /// Its boundary faces: nodes, counter-clockwise from outside, and 4 tet + face.
+    fn bare(&self, t: u32) -> impl Iterator<Item = [u32; 4]> + use<> {
+        let (tet, across) = (
+            self.mesh.tets[t as usize],
+            self.topology.neighbours[t as usize],
+        );
+        let place = self.place[t as usize];
         (0..4)
-            .filter(|f| across[*f] == NO_NEIGHBOUR)
-            .map(move |f| BoundaryFace {
-                tet: t as u32,
-                face: f as u32,
+            .filter(move |f| across[*f] == NO_NEIGHBOUR)
+            .map(move |f| {
+                let [a, b, c] = FACES[f].map(|i| tet[i]);
+                [a, b, c, 4 * place + f as u32]
             })
-    });
-    faces
-        .map(|b| {
-            let [x, y, z] = FACES[b.face as usize].map(|i| tets[b.tet as usize][i]);
-            [x, y, z, 4 * b.tet + b.face]
-        })
-        .collect()
+    }
 }

@@ -134,6 +134,8 @@ pub struct Raycaster {
 
 /// What is made for one size of picture.
 struct Frame {
+    /// Of the geometry that it was made for.
+    generation: u64,
     peel: Peel,
     walks: HashMap<(Gathered, bool), Walks>,
     /// The occluder that the walks were prepared with.
@@ -384,10 +386,13 @@ impl Raycaster {
         }
         check_size(window.size)?;
         // The frame is out of `self` while draws are prepared from the rest of it.
-        let kept = self.frame.take().filter(|f| f.peel.size == window.size);
+        let generation = self.geometry.generation;
+        let fits = |f: &Frame| f.peel.size == window.size && f.generation == generation;
+        let kept = self.frame.take().filter(fits);
         let mut frame = match kept {
             Some(frame) => frame,
             None => Frame {
+                generation,
                 peel: Peel::new(&self.geometry, &view, window.size, self.options.layers)?,
                 walks: HashMap::new(),
                 occluder: None,

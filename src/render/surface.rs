@@ -6,8 +6,8 @@ use super::peel::attachment;
 use super::tiles::draw_in_tiles;
 use super::view::{LocalView, View, Window};
 use super::{Camera, TransferFunction};
-use crate::Result;
 use crate::gpu::{Array, Draw, Gpu, Pass, Recorder, Texel};
+use crate::{Error, Result};
 use std::collections::HashMap;
 
 mod gpu_data {
@@ -56,8 +56,11 @@ pub struct Surface {
     nodes: u32,
     positions: Array,
     boundary: Array,
+    firsts: Array,
+    around: Array,
     normals: Array,
     colours: Array,
+    colour: SurfaceColour,
     shading: Shading,
     refresh: Pass,
     draws: HashMap<wgpu::TextureFormat, Draw>,
@@ -81,18 +84,11 @@ impl Surface {
     ) -> Result<Surface> {
         let nodes = geometry.projected.len();
         let (firsts, around) = faces_around(&geometry.boundary_faces, nodes as usize);
-        let firsts = gpu.array_of("first faces", Texel::U32, &firsts)?;
-        let around = gpu.array_of("faces around nodes", Texel::U32, &around)?;
-        let normals = gpu.array("normals", Texel::F32x4, nodes as usize)?;
-        let refresh = gpu
-            .pass("render/surface_normals")
-            .read(&geometry.positions)
-            .read(&geometry.boundary)
-            .read(&firsts)
-            .read(&around)
-            .write(&normals)
-            .params(&gpu_data::Normals { nodes })
-            .over(nodes)?;
+        let firsts = gpu.roomy_array_of("first faces", Texel::U32, &firsts)?;
+        let around = gpu.roomy_array_of("faces around nodes", Texel::U32, &around)?;
+        let normals = gpu.roomy_array("normals", Texel::F32x4, nodes as usize)?;
+        let refresh = refresh_pass(geometry, &firsts, &around, &normals)?;
+        let colours = colours(geometry, scalars, colour);
         Ok(Surface {
             gpu: gpu.clone(),
             frame: geometry.frame,
@@ -100,12 +96,51 @@ impl Surface {
             nodes,
             positions: geometry.positions.clone(),
             boundary: geometry.boundary.clone(),
+            firsts,
+            around,
             normals,
-            colours: gpu.array_of("colours", Texel::F32x4, &colours(geometry, scalars, colour))?,
+            colours: gpu.roomy_array_of("colours", Texel::F32x4, &colours)?,
+            colour: colour.clone(),
             shading,
             refresh,
             draws: HashMap::new(),
         })
+    }
+
+    /// Takes over what a cut has made of `geometry`, after that has followed it. Of `scalars` only
+    /// the new nodes' are looked at.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of scalars than nodes; otherwise as [`Surface::new`].
+    pub fn follow(&mut self, geometry: &Geometry, scalars: &[f64]) -> Result<()> {
+        let (gpu, nodes) = (self.gpu.clone(), geometry.projected.len() as usize);
+        if scalars.len() != nodes || nodes < self.nodes as usize {
+            return Err(Error::Input(format!(
+                "{} scalars given for a surface of {} nodes, to follow a cut that left {nodes}",
+                scalars.len(),
+                self.nodes
+            )));
+        }
+        let new = colours(geometry, &scalars[self.nodes as usize..], &self.colour);
+        let (firsts, around) = faces_around(&geometry.boundary_faces, nodes);
+        let mut replaced = geometry.positions.texture() != self.positions.texture();
+        replaced |= geometry.boundary.texture() != self.boundary.texture();
+        replaced |= gpu.resize(&mut self.colours, "colours", nodes)?;
+        replaced |= gpu.resize(&mut self.normals, "normals", nodes)?;
+        gpu.write_items(&self.colours, self.nodes, &new)?;
+        gpu.resize(&mut self.firsts, "first faces", firsts.len())?;
+        gpu.write_array(&self.firsts, &firsts)?;
+        gpu.resize(&mut self.around, "faces around nodes", around.len())?;
+        gpu.write_array(&self.around, &around)?;
+        self.refresh = refresh_pass(geometry, &self.firsts, &self.around, &self.normals)?;
+        self.positions = geometry.positions.clone();
+        self.boundary = geometry.boundary.clone();
+        self.corners = geometry.corners();
+        self.nodes = nodes as u32;
+        if replaced {
+            self.draws.clear();
+        }
+        Ok(())
     }
 
     /// Records the drawing of the surface, at the positions of that moment.
@@ -210,6 +245,25 @@ impl Surface {
             .depth(DEPTH, wgpu::CompareFunction::Greater, true)
             .prepare()
     }
+}
+
+fn refresh_pass(
+    geometry: &Geometry,
+    firsts: &Array,
+    around: &Array,
+    normals: &Array,
+) -> Result<Pass> {
+    let nodes = normals.len();
+    geometry
+        .gpu
+        .pass("render/surface_normals")
+        .read(&geometry.positions)
+        .read(&geometry.boundary)
+        .read(firsts)
+        .read(around)
+        .write(normals)
+        .params(&gpu_data::Normals { nodes })
+        .over(nodes)
 }
 
 /// For each node where its boundary faces begin in the list of them, one entry more at the end;

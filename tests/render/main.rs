@@ -3,6 +3,7 @@
 
 #[allow(dead_code)]
 mod common;
+mod gaps;
 mod geometry;
 mod golden;
 mod inside;
