@@ -16,6 +16,7 @@
 
 mod closed_surface;
 mod cut;
+mod described;
 mod domain;
 mod fans;
 mod islands;
@@ -38,6 +39,7 @@ mod volumes;
 mod window;
 
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
+pub use described::Described;
 pub use domain::{Domain, RegionVolume};
 pub use islands::IslandReport;
 pub use label_domain::LabelDomain;

@@ -1,12 +1,12 @@
 //! From files to a mesh with regions, names and intensities.
 
+use super::described::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
 use super::{
-    ClosedSurface, Domain, Filling, LabelDomain, Length, MeshOptions, MeshReport, Progress,
-    Spacing, SurfaceDomain, ThresholdDomain, Window, fill, tetgen,
+    Domain, Filling, Length, MeshOptions, MeshReport, Progress, Spacing, SurfaceDomain, Window,
+    fill, tetgen,
 };
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
-use crate::volume::Volume;
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,6 @@ use std::time::Instant;
 
 /// Tets where nothing is said.
 const TETS: usize = 50_000;
-/// Metres in the world's unit of volumes.
-const MILLIMETRE: f64 = 1e-3;
 
 /// Which labels of a volume become regions.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -96,13 +94,6 @@ pub struct MadeRegion {
     pub volume: f64,
     /// The volume in the input: that of its voxels, or what its surface encloses.
     pub input_volume: Option<f64>,
-}
-
-/// The regions of a domain: label, name and volume of each.
-struct Regions {
-    labels: Vec<i64>,
-    names: Vec<Option<String>>,
-    volumes: Vec<Option<f64>>,
 }
 
 impl Recipe {
@@ -209,85 +200,29 @@ impl Recipe {
     }
 
     fn mesh_volume(&self, file: &Path, progress: Progress) -> Result<Made> {
-        if self.input.len() > 1 {
-            return Err(Error::Input(format!(
-                "{} is a volume, so it is meshed alone; further volumes give intensities (--intensity)",
-                file.display()
-            )));
-        }
         if self.tetgen {
             return Err(Error::Input(
                 "TetGen meshes surfaces: make one of the volume first (--out NAME.ply)".into(),
             ));
         }
-        let volume = io::read_volume(file)?;
-        let windows = self.windows();
-        if !windows.is_empty() {
-            if self.labels.is_some() {
-                return Err(Error::Input(
-                    "both labels and thresholds are given; regions come from one of them".into(),
-                ));
+        self.of_volume(file, |domain, regions, volume, by_value| {
+            let mut made = self.fill(domain, regions, Some(MILLIMETRE), progress)?;
+            if by_value {
+                progress("intensities", 0.9);
+                let field = volume.onto_nodes(&made.mesh, INTENSITY);
+                made.mesh.set_field(field)?;
             }
-            let domain = ThresholdDomain::new(&volume, &windows)?;
-            let regions = Regions::of_windows(&windows);
-            let mut made = self.fill(&domain, regions, Some(MILLIMETRE), progress)?;
-            progress("intensities", 0.9);
-            let field = volume.onto_nodes(&made.mesh, "intensity");
-            made.mesh.set_field(field)?;
-            return Ok(made);
-        }
-        let labels = match &self.labels {
-            Some(Labels::These(labels)) => Some(labels.as_slice()),
-            Some(Labels::All) => None,
-            None => {
-                check_label_map(file, &volume)?;
-                None
-            }
-        };
-        let domain = LabelDomain::new(&volume, labels)?;
-        let regions = Regions {
-            labels: domain.labels().to_vec(),
-            names: domain
-                .labels()
-                .iter()
-                .map(|l| volume.names.get(l).cloned())
-                .collect(),
-            volumes: domain.voxel_volumes().into_iter().map(Some).collect(),
-        };
-        self.fill(&domain, regions, Some(MILLIMETRE), progress)
+            Ok(made)
+        })
     }
 
     fn mesh_surfaces(&self, progress: Progress) -> Result<Made> {
-        if self.labels.is_some() || !self.windows().is_empty() {
-            return Err(Error::Input(
-                "labels and thresholds are for volumes; a surface is a region as it is".into(),
-            ));
-        }
-        let mut notes = Vec::new();
-        let mut surfaces = Vec::new();
-        let mut regions = Regions {
-            labels: Vec::new(),
-            names: Vec::new(),
-            volumes: Vec::new(),
-        };
-        for file in &self.input {
-            let surface = io::read_surface(file)?;
-            let said = |note: &String| format!("{}: {note}", file.display());
-            notes.extend(surface.notes.iter().map(said));
-            let closed =
-                ClosedSurface::new(&surface).map_err(|e| Error::format(file, e.to_string()))?;
-            notes.extend(closed.notes().iter().map(said));
-            regions.labels.push(surfaces.len() as i64 + 1);
-            let stem = file.file_stem().unwrap_or_default();
-            regions
-                .names
-                .push(Some(stem.to_string_lossy().into_owned()));
-            // What lies in a later surface is that one's.
-            let alone = self.input.len() == 1;
-            regions.volumes.push(alone.then(|| closed.volume()));
-            surfaces.push((surface, closed));
-        }
-        let (surfaces, closed): (Vec<_>, Vec<_>) = surfaces.into_iter().unzip();
+        let Surfaces {
+            surfaces,
+            closed,
+            regions,
+            notes,
+        } = self.of_surfaces()?;
         let mut made = match self.tetgen {
             true => {
                 let filling = tetgen(&surfaces, self.spacing(self.unit)?, progress)?;
@@ -326,25 +261,8 @@ impl Recipe {
     }
 }
 
-/// Refuses a volume of which nothing says what its regions are.
-fn check_label_map(file: &Path, volume: &Volume) -> Result<()> {
-    const MOST: usize = 64;
-    let labels = volume.labels();
-    if labels.as_ref().is_some_and(|l| l.len() <= MOST) || !volume.names.is_empty() {
-        return Ok(());
-    }
-    let (low, high) = volume.range().unwrap_or((0.0, 0.0));
-    Err(Error::Input(format!(
-        "{} holds values from {low} to {high}, not a few labels: say what a region is, by a threshold (--above {:.0}), a range (--between {:.0}..{:.0}) or labels (--labels all)",
-        file.display(),
-        low + 0.3 * (high - low),
-        low + 0.3 * (high - low),
-        low + 0.6 * (high - low),
-    )))
-}
-
 impl Regions {
-    fn of_windows(windows: &[Window]) -> Regions {
+    pub(super) fn of_windows(windows: &[Window]) -> Regions {
         let name = |window: &Window| {
             let range = match window.high.is_finite() {
                 true => format!("{} to {}", window.low, window.high),

@@ -1,0 +1,193 @@
+//! What a recipe describes, before it is meshed or carved: a domain, and the names of its regions.
+
+use super::{ClosedSurface, Domain, LabelDomain, Labels, Recipe, SurfaceDomain, ThresholdDomain};
+use crate::io::{self, Kind};
+use crate::mesh::TriMesh;
+use crate::volume::Volume;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// Metres in the world's unit of volumes.
+pub(super) const MILLIMETRE: f64 = 1e-3;
+/// The field that a volume's own values become.
+pub(super) const INTENSITY: &str = "intensity";
+
+/// The regions of a domain: label, name and volume of each.
+pub(super) struct Regions {
+    pub labels: Vec<i64>,
+    pub names: Vec<Option<String>>,
+    pub volumes: Vec<Option<f64>>,
+}
+
+/// A domain that a recipe describes.
+pub struct Described<'a> {
+    /// The domain.
+    pub domain: &'a dyn Domain,
+    /// The label of each region.
+    pub labels: Vec<i64>,
+    /// The name of each region, where it has one.
+    pub names: Vec<Option<String>>,
+    /// Metres in a unit of the domain, where that is known.
+    pub unit: Option<f64>,
+    /// The volume that it comes from, where its values are intensities.
+    pub volume: Option<&'a Volume>,
+    /// What was mended or is odd, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// The surfaces of a recipe, as they are and closed.
+pub(super) struct Surfaces {
+    pub surfaces: Vec<TriMesh>,
+    pub closed: Vec<ClosedSurface>,
+    pub regions: Regions,
+    pub notes: Vec<String>,
+}
+
+impl Recipe {
+    /// Hands the domain that the recipe describes to `use_`: of a volume, of closed surfaces, or
+    /// of the boundary of a tet mesh.
+    ///
+    /// # Errors
+    /// As [`Recipe::mesh`], and what `use_` gives.
+    pub fn describe<R>(&self, use_: impl FnOnce(Described) -> Result<R>) -> Result<R> {
+        let Some(first) = self.input.first() else {
+            return Err(Error::Input(
+                "there is nothing to fill; name a volume, a surface or a mesh".into(),
+            ));
+        };
+        match io::kind(first)? {
+            Kind::Volume => self.of_volume(first, |domain, regions, volume, by_value| {
+                use_(Described {
+                    domain,
+                    labels: regions.labels,
+                    names: regions.names,
+                    unit: Some(MILLIMETRE),
+                    volume: by_value.then_some(volume),
+                    notes: Vec::new(),
+                })
+            }),
+            Kind::Surface => {
+                let found = self.of_surfaces()?;
+                use_(Described {
+                    domain: &SurfaceDomain::new(found.closed)?,
+                    labels: found.regions.labels,
+                    names: found.regions.names,
+                    unit: self.unit,
+                    volume: None,
+                    notes: found.notes,
+                })
+            }
+            Kind::Mesh => {
+                let mesh = io::read(first)?;
+                let closed = ClosedSurface::new(&mesh.boundary_surface(None)?)?;
+                use_(Described {
+                    domain: &SurfaceDomain::new(vec![closed])?,
+                    labels: vec![1],
+                    names: vec![None],
+                    unit: self.unit.or(mesh.length_unit),
+                    volume: None,
+                    notes: mesh.repairs.warnings,
+                })
+            }
+        }
+    }
+
+    /// The domain of a volume, its regions, and whether these come from values, not labels.
+    pub(super) fn of_volume<R>(
+        &self,
+        file: &Path,
+        use_: impl FnOnce(&dyn Domain, Regions, &Volume, bool) -> Result<R>,
+    ) -> Result<R> {
+        if self.input.len() > 1 {
+            return Err(Error::Input(format!(
+                "{} is a volume, so it is meshed alone; further volumes give intensities (--intensity)",
+                file.display()
+            )));
+        }
+        let volume = io::read_volume(file)?;
+        let windows = self.windows();
+        if !windows.is_empty() {
+            if self.labels.is_some() {
+                return Err(Error::Input(
+                    "both labels and thresholds are given; regions come from one of them".into(),
+                ));
+            }
+            let domain = ThresholdDomain::new(&volume, &windows)?;
+            return use_(&domain, Regions::of_windows(&windows), &volume, true);
+        }
+        let labels = match &self.labels {
+            Some(Labels::These(labels)) => Some(labels.as_slice()),
+            Some(Labels::All) => None,
+            None => {
+                check_label_map(file, &volume)?;
+                None
+            }
+        };
+        let domain = LabelDomain::new(&volume, labels)?;
+        let regions = Regions {
+            labels: domain.labels().to_vec(),
+            names: domain
+                .labels()
+                .iter()
+                .map(|l| volume.names.get(l).cloned())
+                .collect(),
+            volumes: domain.voxel_volumes().into_iter().map(Some).collect(),
+        };
+        use_(&domain, regions, &volume, false)
+    }
+
+    pub(super) fn of_surfaces(&self) -> Result<Surfaces> {
+        if self.labels.is_some() || !self.windows().is_empty() {
+            return Err(Error::Input(
+                "labels and thresholds are for volumes; a surface is a region as it is".into(),
+            ));
+        }
+        let mut found = Surfaces {
+            surfaces: Vec::new(),
+            closed: Vec::new(),
+            regions: Regions {
+                labels: Vec::new(),
+                names: Vec::new(),
+                volumes: Vec::new(),
+            },
+            notes: Vec::new(),
+        };
+        for file in &self.input {
+            let surface = io::read_surface(file)?;
+            let said = |note: &String| format!("{}: {note}", file.display());
+            found.notes.extend(surface.notes.iter().map(said));
+            let closed =
+                ClosedSurface::new(&surface).map_err(|e| Error::format(file, e.to_string()))?;
+            found.notes.extend(closed.notes().iter().map(said));
+            let regions = &mut found.regions;
+            regions.labels.push(found.surfaces.len() as i64 + 1);
+            let stem = file.file_stem().unwrap_or_default();
+            regions
+                .names
+                .push(Some(stem.to_string_lossy().into_owned()));
+            // What lies in a later surface is that one's.
+            let alone = self.input.len() == 1;
+            regions.volumes.push(alone.then(|| closed.volume()));
+            found.surfaces.push(surface);
+            found.closed.push(closed);
+        }
+        Ok(found)
+    }
+}
+
+/// Refuses a volume of which nothing says what its regions are.
+pub(super) fn check_label_map(file: &Path, volume: &Volume) -> Result<()> {
+    const MOST: usize = 64;
+    let labels = volume.labels();
+    if labels.as_ref().is_some_and(|l| l.len() <= MOST) || !volume.names.is_empty() {
+        return Ok(());
+    }
+    let (low, high) = volume.range().unwrap_or((0.0, 0.0));
+    Err(Error::Input(format!(
+        "{} holds values from {low} to {high}, not a few labels: say what a region is, by a threshold (--above {:.0}), a range (--between {:.0}..{:.0}) or labels (--labels all)",
+        file.display(),
+        low + 0.3 * (high - low),
+        low + 0.3 * (high - low),
+        low + 0.6 * (high - low),
+    )))
+}
