@@ -117,11 +117,14 @@ impl<'e> Recorder<'e> {
     /// Copies the whole of one array into another of the same kind and length.
     pub fn copy_array(&mut self, from: &Array, to: &Array) {
         debug_assert_eq!((from.texel(), from.len()), (to.texel(), to.len()));
-        self.encoder().copy_texture_to_texture(
-            from.texture().as_image_copy(),
-            to.texture().as_image_copy(),
-            from.texture().size(),
-        );
+        let (from, to) = (from.texture(), to.texture());
+        // One may have more room than the other.
+        let size = wgpu::Extent3d {
+            height: from.height().min(to.height()),
+            ..from.size()
+        };
+        self.encoder()
+            .copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), size);
     }
 
     /// Submits what was recorded, if the encoder is Palpate's own; the caller's is left to the

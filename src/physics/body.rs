@@ -1,5 +1,6 @@
 //! A deformable body: a mesh's nodes and springs on the GPU.
 
+use super::grab::{GrabId, Grabs, Grip};
 use super::material::Material;
 use super::network::SpringNetwork;
 use super::nodes::Nodes;
@@ -9,6 +10,7 @@ use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Gives every body its own number.
@@ -50,6 +52,7 @@ pub struct Body {
     pub(super) pinned: Vec<bool>,
     pub(super) forces: Vec<[f32; 4]>,
     pub(super) masses_changed: bool,
+    pub(super) grabs: Grabs,
     /// Counts cuts: what is bound to the arrays or their lengths is made for one generation.
     pub(super) generation: u64,
     /// Counts changes of positions and velocities from outside, and changes of any kind.
@@ -70,7 +73,9 @@ impl Body {
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
         let rows = Rows::new(&network, &rest, &units)?;
         let zero = vec![[0.0f32; 4]; nodes.len()];
+        let grabs = Grabs::new(gpu, frame, network.length_unit);
         let mut body = Body {
+            grabs,
             gpu: gpu.clone(),
             id: BODIES.fetch_add(1, Ordering::Relaxed),
             velocities: gpu.roomy_array("velocities", Texel::F32x4, nodes.len())?,
@@ -206,6 +211,7 @@ impl Body {
     /// [`Error::Input`] for a wrong number of forces or one that is not finite.
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
+        self.grabs.touch();
         self.gpu.write_array(&self.external, &self.forces)?;
         self.loads_changed();
         Ok(())
@@ -228,6 +234,7 @@ impl Body {
                 chosen.len()
             )));
         }
+        self.grabs.touch();
         let share = (force / chosen.len() as f64).as_vec3();
         for i in &chosen {
             for (axis, f) in share.to_array().iter().enumerate() {
@@ -237,6 +244,41 @@ impl Body {
         self.gpu.write_array(&self.external, &self.forces)?;
         self.loads_changed();
         Ok(chosen.len())
+    }
+
+    /// Grabs the nodes within `radius` of `centre`, file units: reads the positions back once.
+    /// They follow the target of the grab from the next step on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
+    pub fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        let positions = self.positions()?;
+        let held: BTreeSet<u32> = self.grabs.held().collect();
+        let pinned = &self.pinned;
+        let free = |i: usize| !pinned[i] && !held.contains(&(i as u32));
+        let grab = self.grabs.add(&positions, free, centre, radius, grip)?;
+        self.changed();
+        Ok(grab)
+    }
+
+    /// Moves the target of a grab, in file units: its nodes follow with the next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
+    pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
+        self.grabs.set_target(grab, target)?;
+        self.changed();
+        Ok(())
+    }
+
+    /// Lets go of a grab's nodes. Returns how many they are.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there.
+    pub fn release(&mut self, grab: GrabId) -> Result<usize> {
+        let nodes = self.grabs.release(grab)?;
+        self.changed();
+        Ok(nodes)
     }
 
     /// The external force on every node, for callers who write it on the GPU: rgba32float, xyz in
@@ -321,14 +363,20 @@ impl Body {
 
     /// Uploads what was changed on the CPU only.
     pub(super) fn flush(&mut self) -> Result<()> {
+        if self.grabs.flush(&self.forces, |_| 1.0)? {
+            self.gpu.write_array(&self.external, &self.forces)?;
+            self.masses_changed = true;
+        }
         if !self.masses_changed {
             return Ok(());
         }
+        let mut held = self.pinned.clone();
+        self.grabs.held().for_each(|i| held[i as usize] = true);
         let masses: Vec<[f32; 2]> = self
             .network
             .masses
             .iter()
-            .zip(&self.pinned)
+            .zip(&held)
             .map(|(mass, pinned)| self.local_mass(*mass, *pinned))
             .collect();
         self.gpu.write_array(&self.masses, &masses)?;

@@ -9,6 +9,7 @@
 mod body;
 mod cut;
 mod explicit_euler;
+mod grab;
 pub mod grid;
 mod guard;
 mod implicit_euler;
@@ -31,6 +32,7 @@ mod velocity_verlet;
 mod verlet;
 
 pub use body::Body;
+pub use grab::{GrabId, Grip};
 pub use guard::{Progress, StepRecord};
 pub use implicit_euler::ConjugateGradients;
 pub use kind::SolverKind;

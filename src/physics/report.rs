@@ -40,7 +40,12 @@ impl Report {
     pub fn new(body: &Body, mesh: &TetMesh) -> Result<Report> {
         let positions = body.positions()?;
         let velocities = body.velocities()?;
-        let network = body.network();
+        let energy = energy(body.network(), &positions, &velocities);
+        Ok(Report::of_positions(energy, mesh, &positions))
+    }
+
+    /// The report on a body of that energy, whose nodes stand at `positions`, in file units.
+    pub(super) fn of_positions(energy: Energy, mesh: &TetMesh, positions: &[DVec3]) -> Report {
         let volumes: Vec<f64> = mesh
             .tets
             .par_iter()
@@ -52,13 +57,13 @@ impl Report {
             .map(|(x, rest)| x.distance(*rest))
             .fold(0.0, f64::max);
         let (low, high) = bounds(&mesh.nodes);
-        Ok(Report {
-            energy: energy(network, &positions, &velocities),
+        Report {
+            energy,
             volume_ratio: volumes.iter().sum::<f64>() / mesh.volume(),
             max_displacement: farthest,
             extent: (high - low).max_element(),
             inverted: volumes.iter().filter(|v| **v < 0.0).count(),
-        })
+        }
     }
 }
 

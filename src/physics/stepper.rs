@@ -154,6 +154,10 @@ struct Prepared {
     /// The body as it was last left or found.
     revision: Revision,
     step: StepPasses,
+    /// The grabs' lists that `draw` was made for.
+    grabs: u64,
+    /// What grabs by springs pull with at the candidate's positions.
+    draw: Option<Pass>,
     forces: Pass,
     check: Pass,
     commit: Pass,
@@ -239,6 +243,18 @@ impl<S: Scheme> Stepper<S> {
             }
         };
         prepared.revision = revision;
+        if prepared.grabs != body.grabs.version() {
+            prepared.grabs = body.grabs.version();
+            let candidate = &self.core.next_positions;
+            prepared.draw = body.grabs.draw_pass(candidate, &body.external)?;
+        }
+        let state = body.nodes().array();
+        if let Some(hold) = body.grabs.hold_pass(state)? {
+            hold.record(work);
+        }
+        if let Some(draw) = body.grabs.draw_pass(state, &body.external)? {
+            draw.record(work);
+        }
         if forgive {
             prepared.forgive.record(work);
         }
@@ -285,6 +301,9 @@ impl<S: Scheme> Stepper<S> {
             }
             for pass in &prepared.step.settle {
                 pass.record(work);
+            }
+            if let Some(draw) = &prepared.draw {
+                draw.record(work);
             }
             prepared.forces.record(work);
             for pass in &prepared.step.after {
@@ -444,6 +463,8 @@ impl Core {
             local_dt,
             gravity: body.gravity(),
             revision: body.revision(),
+            grabs: 0,
+            draw: None,
             forces: self.force_pass(body, &self.next_positions, velocities)?,
             check: self.check_pass(0, local_dt)?,
             commit: self

@@ -7,7 +7,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{Topology, unpack_normal};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridBody, GridModel, GridShape, STEPS};
-use palpate::physics::{Material, RegionMaterial};
+use palpate::physics::{Grip, Material, RegionMaterial};
 use palpate::reference::grid::GridTwin;
 
 /// A box and, inside it from x = 0 on, a second region.
@@ -330,4 +330,102 @@ fn too_large_a_step_is_caught_and_undone() {
     assert!(after.iter().all(|p| p.is_finite()));
     assert!(before.len() == after.len());
     body.run(10, 0.5 * h).ok();
+}
+
+#[test]
+fn grabbed_particles_follow_and_are_let_go() {
+    let gpu = Gpu::new().unwrap();
+    let model = GridModel::new(ball(600), &soft()).unwrap();
+    let h = 0.5 * model.stable_step();
+    let mut body = GridBody::new(&gpu, model).unwrap();
+    let low: Vec<u32> = body
+        .model()
+        .shape
+        .particles()
+        .filter(|i| body.model().shape.place(*i).z < -0.03)
+        .map(|i| i as u32)
+        .collect();
+    body.pin_nodes(&low);
+    let top = DVec3::new(0.0, 0.0, 0.045);
+    let rest = body.positions().unwrap();
+    let near: Vec<usize> = body
+        .model()
+        .shape
+        .particles()
+        .filter(|i| rest[*i].distance(top) <= 0.015)
+        .collect();
+    assert!(near.len() > 3);
+    let grab = body.grab(top, 0.015, Grip::Follow).unwrap();
+    let up = DVec3::new(0.002, 0.0, 0.01);
+    for n in 1..=10 {
+        body.set_target(grab, top + up * f64::from(n) / 10.0)
+            .unwrap();
+        body.run(5, h).unwrap();
+    }
+    let held = body.positions().unwrap();
+    for i in &near {
+        assert!(held[*i].distance(rest[*i] + up) < 1e-7);
+    }
+    // What is not held is drawn along, and stays behind.
+    let middle = body
+        .model()
+        .shape
+        .particles()
+        .find(|i| rest[*i].length() < 0.01)
+        .unwrap();
+    let moved = held[middle].z - rest[middle].z;
+    assert!(moved > 1e-5 && moved < 0.01, "{moved}");
+    for bad in [DVec3::NAN, DVec3::splat(1e9)] {
+        assert!(body.set_target(grab, bad).is_err());
+    }
+    let error = body
+        .grab(DVec3::splat(1.0), 0.01, Grip::Follow)
+        .unwrap_err();
+    assert!(error.to_string().contains("nothing to grab"), "{error}");
+    assert_eq!(body.release(grab).unwrap(), near.len());
+    assert!(body.release(grab).is_err());
+    body.run(40, h).unwrap();
+    let free = body.positions().unwrap();
+    assert!(free[near[0]].distance(held[near[0]]) > 1e-4);
+}
+
+#[test]
+fn springs_draw_with_no_more_than_their_limit() {
+    let gpu = Gpu::new().unwrap();
+    let model = GridModel::new(ball(600), &soft()).unwrap();
+    let mass: f64 = model.masses.iter().sum();
+    let h = 0.5 * model.stable_step();
+    for (target, stiffness, limit) in [(0.01, 2.0, 1e9), (0.04, 1e3, 0.05)] {
+        let mut body = GridBody::new(&gpu, model.clone()).unwrap();
+        body.set_damping(0.0).unwrap();
+        // The whole body is drawn: its centre falls as one mass.
+        let grip = Grip::Spring { stiffness, limit };
+        let grab = body.grab(DVec3::ZERO, 1.0, grip).unwrap();
+        body.set_target(grab, DVec3::new(target, 0.0, 0.0)).unwrap();
+        body.run(60, h).unwrap();
+        let time = 60.0 * h;
+        let rest = body.mesh().nodes.clone();
+        let now = body.positions().unwrap();
+        let count = body.model().shape.count() as f64;
+        let moved: f64 = body
+            .model()
+            .shape
+            .particles()
+            .map(|i| (now[i] - rest[i]).x / count)
+            .sum();
+        let force = (stiffness * target).min(limit);
+        let exact = match stiffness * target < limit {
+            true => target * (1.0 - ((stiffness / mass).sqrt() * time).cos()),
+            false => 0.5 * force / mass * time * time,
+        };
+        assert!((moved / exact - 1.0).abs() < 0.02, "{moved} for {exact}");
+        // Let go, no force is left.
+        body.release(grab).unwrap();
+        let before = body.velocities().unwrap();
+        body.run(30, h).unwrap();
+        let after = body.velocities().unwrap();
+        let mean =
+            |v: &[DVec3]| -> f64 { body.model().shape.particles().map(|i| v[i].x / count).sum() };
+        assert!((mean(&after) / mean(&before) - 1.0).abs() < 0.02);
+    }
 }

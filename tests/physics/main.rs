@@ -8,6 +8,7 @@ mod common;
 mod cuts;
 mod derivatives;
 mod failures;
+mod grabs;
 mod grids;
 mod invariance;
 mod steps;

@@ -1,10 +1,11 @@
 //! A grid body on the GPU: its state, what holds it and what acts on it.
 
 use super::model::GridModel;
-use super::verlet::{Prepared, Turn};
+use super::verlet::{Prepared, Touch, Turn};
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::{NO_NORMAL, TetMesh, pack_normal};
-use crate::physics::Nodes;
+use crate::physics::grab::{GrabId, Grabs, Grip};
+use crate::physics::{Energy, Nodes, Report};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 
@@ -28,12 +29,17 @@ pub struct GridBody {
     pub(super) mean_mass: f64,
     pub(super) gravity: DVec3,
     forces: Vec<[f32; 4]>,
+    /// Whether a force acts on any particle, and whether the step reads the forces.
+    loaded: bool,
     pub(super) forced: bool,
     pinned: Vec<bool>,
     /// The step by which `before` lies back; none where it is to be made from the velocities.
     pub(super) lag: Option<f64>,
     dirty: bool,
     pub(super) prepared: Option<Prepared>,
+    pub(super) grabs: Grabs,
+    /// What the grabs do to each of the three arrays.
+    pub(super) touch: Touch,
     pub(super) steps: u64,
     pub(super) time: f64,
 }
@@ -76,11 +82,14 @@ impl GridBody {
             mean_mass: mass / count as f64,
             gravity: DVec3::ZERO,
             forces: vec![[0.0; 4]; total],
+            loaded: false,
             forced: false,
             pinned: vec![false; total],
             lag: None,
             dirty: true,
             prepared: None,
+            grabs: Grabs::new(gpu, model.frame, model.length_unit),
+            touch: Touch::default(),
             steps: 0,
             time: 0.0,
             model,
@@ -156,11 +165,8 @@ impl GridBody {
     /// [`Error::Input`] for a wrong number of forces or one that is not finite.
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
-        let forced = forces.iter().any(|f| *f != DVec3::ZERO);
-        if forced != self.forced {
-            self.prepared = None;
-        }
-        self.forced = forced;
+        self.loaded = forces.iter().any(|f| *f != DVec3::ZERO);
+        self.grabs.touch();
         self.write_loads()
     }
 
@@ -232,6 +238,29 @@ impl GridBody {
             .collect())
     }
 
+    /// Energies, volume and displacement, read back. Volume and inversion are those of the full
+    /// cells' tets.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`].
+    pub fn report(&self) -> Result<Report> {
+        let positions = self.positions()?;
+        let velocities = self.velocities()?;
+        let (frame, unit) = (self.model.frame, self.model.length_unit);
+        let mut twin = self.model.twin();
+        let metres = |p: &DVec3| (*p - frame.origin) * unit;
+        twin.x = positions.iter().map(metres).collect();
+        let before = positions.iter().zip(&velocities).map(|(x, v)| *x - *v);
+        twin.previous = before.map(|p| metres(&p)).collect();
+        let [kinetic, elastic] = twin.energy(1.0);
+        let energy = Energy {
+            kinetic,
+            elastic,
+            total: kinetic + elastic,
+        };
+        Ok(Report::of_positions(energy, &self.mesh, &positions))
+    }
+
     /// Steps completed, and simulated time in seconds.
     pub fn clock(&self) -> (u64, f64) {
         (self.steps, self.time)
@@ -242,17 +271,60 @@ impl GridBody {
         self.gpu.write_array(&self.external, &self.forces)
     }
 
-    /// Writes numbers, springs and inverse masses, if any have changed.
+    /// Grabs the particles within `radius` of `centre`, file units: reads the positions back once.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
+    pub fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        let positions = self.positions()?;
+        let held: std::collections::BTreeSet<u32> = self.grabs.held().collect();
+        let regions = &self.model.shape.regions;
+        let pinned = &self.pinned;
+        let free = |i: usize| regions[i] != 0 && !pinned[i] && !held.contains(&(i as u32));
+        self.dirty = true;
+        self.grabs.add(&positions, free, centre, radius, grip)
+    }
+
+    /// Moves the target of a grab, in file units: its particles follow with the next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
+    pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
+        self.grabs.set_target(grab, target)
+    }
+
+    /// Lets go of a grab's particles. Returns how many they are.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there.
+    pub fn release(&mut self, grab: GrabId) -> Result<usize> {
+        self.dirty = true;
+        self.grabs.release(grab)
+    }
+
+    /// Writes what has changed on the CPU: grabs; numbers, springs and inverse masses.
     pub(super) fn flush(&mut self) -> Result<()> {
+        let factors = &self.model.factors;
+        if self.grabs.flush(&self.forces, |i| factors[i] as f32)? {
+            self.write_loads()?;
+            self.touch = Touch::new(&self.grabs, &self.positions, &self.external)?;
+            let forced = self.loaded || self.grabs.draws();
+            if forced != self.forced {
+                self.forced = forced;
+                self.prepared = None;
+            }
+        }
         if !self.dirty {
             return Ok(());
         }
+        let mut held = self.pinned.clone();
+        self.grabs.held().for_each(|i| held[i as usize] = true);
         let particles: Vec<[u32; 4]> = self
             .model
             .shape
             .particles()
             .map(|i| {
-                let inverse = match self.pinned[i] {
+                let inverse = match held[i] {
                     true => 0.0,
                     false => (self.mean_mass / self.model.masses[i]) as f32,
                 };

@@ -51,7 +51,7 @@ impl GridModel {
             density: material.density,
         };
         let of = |region: u16| {
-            let known = material.regions.get(&i64::from(region));
+            let known = material.regions.get(&shape.label(region));
             known.copied().unwrap_or(rest)
         };
         // Where regions have the only stiffnesses, their first stands for the body's.

@@ -57,6 +57,9 @@ pub struct GridShape {
     pub origin: DVec3,
     /// The region of each particle, 0 for those that the body has not.
     pub regions: Vec<u16>,
+    /// The label of each region, that of region 1 first: its number unless something else is
+    /// put here.
+    pub labels: Vec<i64>,
 }
 
 impl GridShape {
@@ -97,6 +100,7 @@ impl GridShape {
             axes,
             origin: axes * first,
             regions: Vec::new(),
+            labels: Vec::new(),
         };
         shape.regions = (0..total)
             .into_par_iter()
@@ -106,6 +110,8 @@ impl GridShape {
                 false => region_at(domain, shape.place(i), weights),
             })
             .collect();
+        let last = shape.regions.iter().copied().max().unwrap_or(0);
+        shape.labels = (1..=i64::from(last)).collect();
         match shape.count() {
             0 => Err(Error::Input(format!(
                 "no particle lies inside the body at a spacing of {spacing}; give a smaller one"
@@ -292,12 +298,19 @@ impl GridShape {
         LocalFrame::of_bounds(low, high)
     }
 
-    /// The region most corners of a tet belong to, the lowest of several.
+    /// The label of a region.
+    pub fn label(&self, region: u16) -> i64 {
+        let place = usize::from(region).checked_sub(1);
+        let label = place.and_then(|n| self.labels.get(n));
+        label.copied().unwrap_or(i64::from(region))
+    }
+
+    /// The label that most corners of a tet belong to, the lowest of several.
     fn majority(&self, tet: &[u32; 4]) -> f64 {
         let regions = tet.map(|v| self.regions[v as usize]);
         let count = |r: u16| regions.iter().filter(|s| **s == r).count();
         let best = regions.iter().max_by_key(|r| (count(**r), u16::MAX - **r));
-        f64::from(best.copied().unwrap_or(0))
+        self.label(best.copied().unwrap_or(0)) as f64
     }
 
     fn coordinates(&self, i: usize) -> [usize; 3] {

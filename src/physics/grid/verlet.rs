@@ -4,6 +4,7 @@
 use super::body::GridBody;
 use super::shape::LEAST_NORMAL;
 use crate::gpu::{Array, Pass, Recorder};
+use crate::physics::grab::Grabs;
 use crate::{Error, Result};
 
 mod gpu_data {
@@ -82,6 +83,31 @@ pub(super) struct Prepared {
     steps: Vec<(Turn, [Pass; 2])>,
 }
 
+/// The passes of the grabs: for each array of positions what holds particles there, and what
+/// draws them from there.
+#[derive(Debug, Default)]
+pub(super) struct Touch {
+    hold: Vec<Option<Pass>>,
+    draw: Vec<Option<Pass>>,
+}
+
+impl Touch {
+    pub fn new(grabs: &Grabs, positions: &[Array; 3], external: &Array) -> Result<Touch> {
+        let hold = positions.iter().map(|p| grabs.hold_pass(p));
+        let draw = positions.iter().map(|p| grabs.draw_pass(p, external));
+        Ok(Touch {
+            hold: hold.collect::<Result<_>>()?,
+            draw: draw.collect::<Result<_>>()?,
+        })
+    }
+}
+
+fn record(passes: &[Option<Pass>], n: usize, work: &mut Recorder) {
+    if let Some(Some(pass)) = passes.get(n) {
+        pass.record(work);
+    }
+}
+
 impl GridBody {
     /// Runs `steps` steps of Verlet of `dt` seconds, and looks whether all is well.
     ///
@@ -95,7 +121,7 @@ impl GridBody {
             let kept = (self.turn, self.lag, self.steps, self.time);
             let mut work = self.gpu.record();
             for (backup, n) in self.backup.iter().zip([kept.0.now, kept.0.before]) {
-                copy(&mut work, &self.positions[n], backup);
+                work.copy_array(&self.positions[n], backup);
             }
             self.record(&mut work, some, dt)?;
             self.check(&mut work)?;
@@ -108,7 +134,7 @@ impl GridBody {
                 let mut work = self.gpu.record();
                 (self.turn, self.lag, self.steps, self.time) = kept;
                 for (backup, n) in self.backup.iter().zip([kept.0.now, kept.0.before]) {
-                    copy(&mut work, backup, &self.positions[n]);
+                    work.copy_array(backup, &self.positions[n]);
                 }
                 work.submit()?;
                 return Err(self.failure(some, dt));
@@ -148,6 +174,7 @@ impl GridBody {
         self.lag = Some(dt);
         for step in 0..steps {
             let turn = self.turn;
+            record(&self.touch.draw, turn.now, work);
             if first && step == 0 {
                 // Made for this turn alone.
                 self.step_pass(dt, turn, steps == 1, 0.5)?.record(work);
@@ -155,6 +182,7 @@ impl GridBody {
                 passes[usize::from(step + 1 == steps)].record(work);
             }
             self.turn = turn.step();
+            record(&self.touch.hold, self.turn.now, work);
         }
         self.bring_home(work);
         self.prepared = Some(prepared);
@@ -172,10 +200,10 @@ impl GridBody {
         }
         if before == 0 {
             let free = self.turn.next();
-            copy(work, &self.positions[0], &self.positions[free]);
+            work.copy_array(&self.positions[0], &self.positions[free]);
             self.turn.before = free;
         }
-        copy(work, &self.positions[now], &self.positions[0]);
+        work.copy_array(&self.positions[now], &self.positions[0]);
         self.turn.now = 0;
     }
 
@@ -286,10 +314,4 @@ impl GridBody {
             advice,
         }
     }
-}
-
-fn copy(work: &mut Recorder, from: &Array, to: &Array) {
-    let (from, to) = (from.texture(), to.texture());
-    work.encoder()
-        .copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), from.size());
 }
