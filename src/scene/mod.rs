@@ -29,6 +29,7 @@
 //! size = [1024, 768]
 //! ```
 
+mod grid;
 mod material;
 mod measure;
 mod motion;
@@ -37,10 +38,11 @@ mod source;
 mod stage;
 #[cfg(test)]
 mod tests;
+mod touch;
 
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 pub use measure::{CgReport, StageReport};
-pub use motion::Motion;
+pub use motion::{Motion, Mover};
 pub use region::{Axis, LabelOrName, Region};
 pub use source::Seen;
 pub use stage::Stage;
@@ -69,6 +71,11 @@ pub struct Scene {
     /// Forces on groups of nodes.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
+    /// Makes the body a grid of particles in place of tets.
+    pub grid: Option<GridEntry>,
+    /// What grabs the body, and where to.
+    #[serde(default)]
+    pub grab: Vec<GrabEntry>,
     /// The view; the whole mesh is framed where nothing else is said.
     #[serde(default)]
     pub camera: CameraEntry,
@@ -226,6 +233,63 @@ pub struct ForceEntry {
     pub on: Region,
     /// The sum of the forces on them, in N.
     pub total: [f64; 3],
+}
+
+/// A grid body: particles on a regular grid, carved out of what `[mesh]` names (a volume by its
+/// labels or thresholds, a closed surface, a tet mesh), with springs to 18 neighbours each. It is
+/// stepped by `verlet`.
+///
+/// ```toml
+/// [grid]
+/// nodes = 20000           # or spacing = 2.0, or [1.0, 1.0, 1.5], in the file's unit
+/// damping = 1.0           # every particle is braked by this rate, 1/s
+/// ```
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GridEntry {
+    /// About how many particles; 20,000 where nothing is said.
+    pub nodes: Option<usize>,
+    /// Distance between particles, instead of `nodes`: one length, or one for each axis.
+    pub spacing: Option<Lengths>,
+    /// Rate of damping, 1/s.
+    pub damping: Option<f64>,
+}
+
+/// One length, or one for each axis.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "a length, or three of them, are expected")]
+#[allow(missing_docs)]
+pub enum Lengths {
+    Same(f64),
+    Each([f64; 3]),
+}
+
+/// A grab: nodes around a place follow a target along a path.
+///
+/// ```toml
+/// [[grab]]
+/// at = [0.0, 0.0, 10.0]   # in the mesh's unit; nodes within `radius` of it are grabbed
+/// radius = 2.0
+/// path = [[0.0, 0, 0, 0], [0.5, 0, 0, 4]]   # time in s, and how far from `at` the target is
+/// release = 1.0           # s
+/// # spring = 50.0         # N/m of all springs together; without, the nodes follow exactly
+/// # limit = 2.0           # N, the largest force of the springs
+/// ```
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GrabEntry {
+    /// The middle of what is grabbed.
+    pub at: [f64; 3],
+    /// Nodes nearer than this are grabbed.
+    pub radius: f64,
+    /// Times and displacements of the target, linear between them.
+    pub path: Vec<[f64; 4]>,
+    /// When it lets go; never where nothing is said. It takes hold at the path's first time.
+    pub release: Option<f64>,
+    /// Stiffness of springs to the target.
+    pub spring: Option<f64>,
+    /// Their largest force.
+    pub limit: Option<f64>,
 }
 
 /// The view, in the units of the mesh file.

@@ -5,7 +5,6 @@ use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, TetMesh, Topology, depth_field, generate};
 use crate::mesher::{Labels, Recipe, Size};
 use crate::{Error, Result};
-use std::path::Path;
 
 /// Names that readers give to reference numbers: labels, not quantities.
 const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
@@ -21,7 +20,7 @@ impl MeshSource {
     pub fn load(&self) -> Result<TetMesh> {
         match (&self.file, &self.generate) {
             (Some(file), None) if io::kind(file)? == Kind::Mesh => io::read(file),
-            (Some(file), None) => self.made_of(file),
+            (Some(_), None) => self.made(),
             (None, Some(name)) => match self.tets {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
                     "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
@@ -37,9 +36,22 @@ impl MeshSource {
 
 impl MeshSource {
     /// The mesh of a volume or a closed surface.
-    fn made_of(&self, file: &Path) -> Result<TetMesh> {
-        let recipe = Recipe {
-            input: vec![file.to_path_buf()],
+    fn made(&self) -> Result<TetMesh> {
+        let made = self.recipe()?.mesh(&|_, _| {})?;
+        let mut mesh = made.mesh;
+        mesh.repairs.warnings.extend(made.notes);
+        Ok(mesh)
+    }
+
+    /// What to make of the file.
+    pub(super) fn recipe(&self) -> Result<Recipe> {
+        let Some(file) = &self.file else {
+            return Err(Error::Input(
+                "[mesh] needs file = \"…\" here: a volume, a closed surface or a tet mesh".into(),
+            ));
+        };
+        Ok(Recipe {
+            input: vec![file.clone()],
             labels: self.labels.as_ref().map(|labels| match labels {
                 LabelsEntry::All(_) => Labels::All,
                 LabelsEntry::These(labels) => Labels::These(labels.clone()),
@@ -59,11 +71,7 @@ impl MeshSource {
             min_island: self.min_island,
             unit: self.unit.as_ref().map(|u| u.metres()).transpose()?,
             ..Recipe::default()
-        };
-        let made = recipe.mesh(&|_, _| {})?;
-        let mut mesh = made.mesh;
-        mesh.repairs.warnings.extend(made.notes);
-        Ok(mesh)
+        })
     }
 }
 

@@ -4,6 +4,7 @@ use super::{Motion, Scene};
 use crate::gpu::{Gpu, Recorder};
 use crate::io::PvdSeries;
 use crate::mesh::{Field, Location, ScalarType, TetMesh, Topology};
+use crate::physics::grid::GridShape;
 use crate::physics::{Nodes, SolverKind};
 use crate::render::{
     Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars,
@@ -71,7 +72,13 @@ impl Stage {
     /// [`Error::Input`] for what makes no sense in the scene, what reading the mesh gives, or
     /// [`Error::Gpu`] when it does not fit the device.
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
-        Stage::with_mesh(gpu, scene, scene.mesh.load()?)
+        let Some(grid) = &scene.grid else {
+            return Stage::with_mesh(gpu, scene, scene.mesh.load()?);
+        };
+        let (shape, mesh, notes) = scene.carve(grid)?;
+        let mut stage = Stage::assemble(gpu, scene, mesh, Some(shape))?;
+        stage.notes.splice(0..0, notes);
+        Ok(stage)
     }
 
     /// As [`Stage::new`], with a mesh that is there already.
@@ -79,6 +86,15 @@ impl Stage {
     /// # Errors
     /// As [`Stage::new`].
     pub fn with_mesh(gpu: &Gpu, scene: &Scene, mesh: TetMesh) -> Result<Stage> {
+        Stage::assemble(gpu, scene, mesh, None)
+    }
+
+    fn assemble(
+        gpu: &Gpu,
+        scene: &Scene,
+        mesh: TetMesh,
+        shape: Option<GridShape>,
+    ) -> Result<Stage> {
         let mut notes = mesh.repairs.warnings.clone();
         let topology = Topology::new(&mesh);
         let seen = scene.seen(&mesh, &topology)?;
@@ -87,7 +103,7 @@ impl Stage {
         let actor = match solver.transpose()? {
             None => Actor::Posed(Box::new(Nodes::new(gpu, &mesh)?)),
             Some(kind) => {
-                let (motion, said) = Motion::new(gpu, scene, kind, &mesh)?;
+                let (motion, said) = Motion::new(gpu, scene, kind, &mesh, shape)?;
                 notes.extend(said);
                 Actor::Moving(Box::new(motion))
             }
@@ -163,9 +179,7 @@ impl Stage {
 
     /// Simulated time, in seconds.
     pub fn time(&self) -> f64 {
-        self.motion()
-            .and_then(|m| m.progress())
-            .map_or(0.0, |p| p.time)
+        self.motion().map_or(0.0, Motion::time)
     }
 
     /// Runs `steps` steps of the solver, telling `progress` how many are done.
