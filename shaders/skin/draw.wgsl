@@ -10,8 +10,6 @@ override NORMAL_MAP: bool = false;
 override HEIGHT_MAP: bool = false;
 // Whether only what lies behind `nearer` is drawn.
 override PEELED: bool = false;
-// Whether only what lies before `opaque_depth` is drawn.
-override OCCLUDED: bool = false;
 
 struct SkinParams {
     view: View,
@@ -31,8 +29,7 @@ struct SkinParams {
 @group(0) @binding(6) var height_map: texture_2d<f32>;
 @group(0) @binding(7) var smooth_sampler: sampler;
 @group(0) @binding(8) var nearer: texture_depth_2d;
-@group(0) @binding(9) var opaque_depth: texture_depth_2d;
-@group(0) @binding(10) var<uniform> params: SkinParams;
+@group(0) @binding(9) var<uniform> params: SkinParams;
 
 struct Corner {
     @builtin(position) @invariant position: vec4<f32>,
@@ -97,9 +94,6 @@ fn sunk(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
 fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(corner.position.xy);
     if PEELED && corner.position.z >= textureLoad(nearer, pixel, 0) {
-        discard;
-    }
-    if OCCLUDED && corner.position.z < textureLoad(opaque_depth, pixel, 0) {
         discard;
     }
     let eye = towards_eye(params.view, corner.place);

@@ -252,6 +252,18 @@ impl Raycaster {
         self.record_window(work, camera, mode.into(), target, window)
     }
 
+    /// As [`Raycaster::record`], for a part of a picture.
+    pub(crate) fn record_part(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        mode: Mode,
+        target: &Target,
+        window: Window,
+    ) -> Result<()> {
+        self.record_window(work, camera, mode.into(), target, window)
+    }
+
     /// The picture of `camera`, of `size` pixels. Waits and reads back.
     ///
     /// # Errors

@@ -75,16 +75,15 @@ struct Variant {
     format: wgpu::TextureFormat,
     blended: bool,
     nearer: Option<wgpu::TextureView>,
-    opaque: Option<wgpu::TextureView>,
 }
 
-/// What bounds the part of a skin that is drawn.
+/// How a skin is drawn into a picture with others.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Bounds<'a> {
+pub(super) struct How<'a> {
     /// Only what lies behind these depths.
-    pub nearer: Option<&'a wgpu::TextureView>,
-    /// Only what lies before these.
-    pub opaque: Option<&'a wgpu::TextureView>,
+    pub behind: Option<&'a wgpu::TextureView>,
+    /// Over what is there, and without leaving depths.
+    pub blended: bool,
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -350,8 +349,11 @@ impl Skin {
         let texture = target.colour.texture();
         let window = Window::whole([texture.width(), texture.height()]);
         self.carrier.record_normals(work);
-        let blended = self.opacity < 1.0;
-        self.record_window(work, camera, target, window, Bounds::default(), blended)
+        let how = How {
+            blended: self.opacity < 1.0,
+            ..How::default()
+        };
+        self.record_window(work, camera, target, window, how)
     }
 
     /// The picture of `camera`, of `size` pixels, its edges smoothed. Waits and reads back.
@@ -372,7 +374,7 @@ impl Skin {
             let mut work = gpu.record();
             self.carrier.record_normals(&mut work);
             // Four floats a pixel cannot be blended everywhere: the nearest layer alone.
-            self.record_window(&mut work, camera, &target, window, Bounds::default(), false)?;
+            self.record_window(&mut work, camera, &target, window, How::default())?;
             work.submit()
         })?;
         Ok(Image {
@@ -382,15 +384,14 @@ impl Skin {
         })
     }
 
-    /// Records the drawing of what lies within `bounds`, its nodes' normals being made already.
+    /// Records the drawing of a part of a picture, the nodes' normals being made already.
     pub(super) fn record_window(
         &mut self,
         work: &mut Recorder,
         camera: &Camera,
         target: &SurfaceTarget,
         window: Window,
-        bounds: Bounds,
-        blended: bool,
+        how: How,
     ) -> Result<()> {
         camera.check()?;
         let params = gpu_data::SkinParams {
@@ -401,9 +402,8 @@ impl Skin {
         };
         let variant = Variant {
             format: target.colour.texture().format(),
-            blended,
-            nearer: bounds.nearer.cloned(),
-            opaque: bounds.opaque.cloned(),
+            blended: how.blended,
+            nearer: how.behind.cloned(),
         };
         if !self.draws.contains_key(&variant) {
             if self.draws.len() >= KEPT_DRAWS {
@@ -452,7 +452,6 @@ impl Skin {
             .constant("NORMAL_MAP", flag(self.normal_map.is_some()))
             .constant("HEIGHT_MAP", flag(height_map.is_some()))
             .constant("PEELED", flag(variant.nearer.is_some()))
-            .constant("OCCLUDED", flag(variant.opaque.is_some()))
             .read(&self.carrier.positions)
             .read(&self.carrier.normals)
             .read(&self.records)
@@ -462,7 +461,6 @@ impl Skin {
             .read(height_map.unwrap_or(&self.no_map))
             .read(&self.sampler)
             .read(variant.nearer.as_ref().unwrap_or(&self.no_depth))
-            .read(variant.opaque.as_ref().unwrap_or(&self.no_depth))
             .params(params)
             .target(variant.format, variant.blended.then_some(over))
             .depth(DEPTH, wgpu::CompareFunction::Greater, !variant.blended)

@@ -7,6 +7,7 @@
 
 mod binding;
 mod carrier;
+mod composer;
 mod draw;
 mod map;
 mod report;
@@ -14,6 +15,7 @@ mod vertices;
 
 pub use binding::{Base, BindingReport, Mapping, bind};
 pub use carrier::Carrier;
+pub use composer::{ComposeOptions, Composer};
 pub use draw::{Skin, SkinColour};
 pub use map::Map;
 pub use report::SkinReport;

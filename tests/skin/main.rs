@@ -3,4 +3,5 @@
 
 mod common;
 mod mapping;
+mod pictures;
 mod twin;

@@ -1,0 +1,44 @@
+// One layer of skin and the part of the volume before it, behind all that is nearer to the eye.
+//
+// The volume's rays are composited from the eye to this layer each time. With V the premultiplied
+// colour and opacity up to a layer, what the volume adds between two layers is the difference of
+// their V, dimmed by the skins before it alone: exact, and no division.
+
+// The last: the opaque things behind, and the picture itself.
+override LAST: bool = false;
+
+struct Blend {
+    background: vec4<f32>,
+}
+
+// Colour so far, and the share of light that the skins so far let through.
+@group(0) @binding(0) var before: texture_2d<f32>;
+// The volume up to the layer before, and up to this one.
+@group(0) @binding(1) var volume_before: texture_2d<f32>;
+@group(0) @binding(2) var volume: texture_2d<f32>;
+// The layer, premultiplied.
+@group(0) @binding(3) var layer: texture_2d<f32>;
+@group(0) @binding(4) var<uniform> params: Blend;
+
+#import lib/fullscreen
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return fullscreen(index);
+}
+
+@fragment
+fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    let pixel = vec2<u32>(position.xy);
+    let sum = textureLoad(before, pixel, 0);
+    let near = textureLoad(volume_before, pixel, 0);
+    let far = textureLoad(volume, pixel, 0);
+    let skin = textureLoad(layer, pixel, 0);
+    let colour = sum.rgb + sum.a * (far.rgb - near.rgb + (1.0 - far.a) * skin.rgb);
+    let through = sum.a * (1.0 - skin.a);
+    if LAST {
+        let rest = through * (1.0 - far.a);
+        return vec4(colour, 1.0 - rest) + rest * params.background;
+    }
+    return vec4(colour, through);
+}

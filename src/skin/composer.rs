@@ -1,0 +1,355 @@
+//! Skins and a volume in one picture, each at its place.
+//!
+//! Opaque skins end the rays of the volume. Translucent ones are peeled layer by layer, from the
+//! eye on; the volume is drawn once more up to each layer, and what it adds between two of them is
+//! the difference. So skin is blended before, inside and behind the volume, exactly.
+
+use super::draw::{How, Skin};
+use crate::gpu::{Draw, Gpu, Recorder};
+use crate::render::{
+    Camera, Image, Mode, Raycaster, SurfaceTarget, Target, Window, attachment, averaged,
+    draw_in_tiles,
+};
+use crate::{Error, Result};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Blend {
+            pub background: [f32; 4],
+        }
+    }
+}
+
+/// Choices that a [`Composer`] is made with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ComposeOptions {
+    /// Most layers of translucent skin before each other that are seen; those behind are left out.
+    /// Each costs another drawing of the volume.
+    pub layers: u32,
+    /// Pictures in memory are drawn so many times larger each way, and averaged.
+    pub samples: u32,
+}
+
+impl Default for ComposeOptions {
+    fn default() -> ComposeOptions {
+        ComposeOptions {
+            layers: 4,
+            samples: 2,
+        }
+    }
+}
+
+/// Draws skins and a volume into one picture.
+pub struct Composer {
+    gpu: Gpu,
+    options: ComposeOptions,
+    targets: Option<Targets>,
+}
+
+const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+const SUM: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+/// Most layers and samples that make sense.
+const MOST: u32 = 64;
+
+/// What is made for one size of picture.
+struct Targets {
+    size: [u32; 2],
+    opaque: wgpu::TextureView,
+    opaque_depth: wgpu::TextureView,
+    layer: wgpu::TextureView,
+    /// Those of even and of odd layers.
+    depths: [wgpu::TextureView; 2],
+    volumes: [wgpu::TextureView; 2],
+    sums: [wgpu::TextureView; 2],
+    blends: [Draw; 2],
+}
+
+impl Composer {
+    /// A composer.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for more than 64 layers, or samples that are not from 1 to 8.
+    pub fn new(gpu: &Gpu, options: ComposeOptions) -> Result<Composer> {
+        if options.layers > MOST || !(1..=8).contains(&options.samples) {
+            return Err(Error::Input(format!(
+                "{} layers of skin and {} samples; choose up to {MOST}, and from 1 to 8",
+                options.layers, options.samples
+            )));
+        }
+        Ok(Composer {
+            gpu: gpu.clone(),
+            options,
+            targets: None,
+        })
+    }
+
+    /// Records the drawing of `skins` and of the volume that `raycaster` draws into `target`;
+    /// opaque things of the caller's are its occluder. Nothing is read back.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a bad camera, or skins and a volume that do not share their local
+    /// frame; [`Error::Gpu`] when the device refuses.
+    pub fn record(
+        &mut self,
+        work: &mut Recorder,
+        skins: &mut [Skin],
+        raycaster: Option<&mut Raycaster>,
+        camera: &Camera,
+        target: &Target,
+    ) -> Result<()> {
+        let texture = target.colour.texture();
+        let window = Window::whole([texture.width(), texture.height()]);
+        self.record_window(work, skins, raycaster, camera, target, window)
+    }
+
+    /// The picture of `camera`, of `size` pixels, on nothing. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Composer::record`].
+    pub fn image(
+        &mut self,
+        skins: &mut [Skin],
+        mut raycaster: Option<&mut Raycaster>,
+        camera: &Camera,
+        size: [u32; 2],
+    ) -> Result<Image> {
+        let gpu = self.gpu.clone();
+        let samples = self.options.samples;
+        let fine = size.map(|n| n.saturating_mul(samples));
+        let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
+            let target = Target {
+                colour,
+                occluder: None,
+                background: Some([0.0; 4]),
+            };
+            let mut work = gpu.record();
+            let raycaster = raycaster.as_deref_mut();
+            self.record_window(&mut work, skins, raycaster, camera, &target, window)?;
+            work.submit()
+        })?;
+        Ok(Image {
+            size,
+            channels: 4,
+            values: averaged(&pixels, size, samples),
+        })
+    }
+
+    fn record_window(
+        &mut self,
+        work: &mut Recorder,
+        skins: &mut [Skin],
+        mut raycaster: Option<&mut Raycaster>,
+        camera: &Camera,
+        target: &Target,
+        window: Window,
+    ) -> Result<()> {
+        camera.check()?;
+        let volume_frame = raycaster.as_ref().map(|r| r.geometry().frame());
+        let mut frames = skins
+            .iter()
+            .map(|s| s.carrier().frame())
+            .chain(volume_frame);
+        if let Some(first) = frames.next()
+            && frames.any(|f| f != first)
+        {
+            return Err(Error::Input(
+                "skins and volume of one picture must share their local frame: one body's".into(),
+            ));
+        }
+        let targets = match self.targets.take().filter(|t| t.size == window.size) {
+            Some(targets) => targets,
+            None => Targets::new(&self.gpu, window.size)?,
+        };
+        let targets = self.targets.insert(targets);
+        let gpu = &self.gpu;
+        targets.begin(gpu, work, target.occluder)?;
+        for skin in skins.iter() {
+            skin.carrier().record_normals(work);
+        }
+        for skin in skins.iter_mut().filter(|s| s.opacity() >= 1.0) {
+            let into = SurfaceTarget {
+                colour: &targets.opaque,
+                depth: &targets.opaque_depth,
+                background: None,
+            };
+            skin.record_window(work, camera, &into, window, How::default())?;
+        }
+        let translucent = skins.iter().any(|s| s.opacity() < 1.0);
+        let layers = if translucent { self.options.layers } else { 0 };
+        for i in 0..layers as usize {
+            let (now, before) = (i % 2, 1 - i % 2);
+            targets.clear_layer(work, now);
+            for skin in skins.iter_mut().filter(|s| s.opacity() < 1.0) {
+                let into = SurfaceTarget {
+                    colour: &targets.layer,
+                    depth: &targets.depths[now],
+                    background: None,
+                };
+                let how = How {
+                    behind: (i > 0).then_some(&targets.depths[before]),
+                    blended: false,
+                };
+                skin.record_window(work, camera, &into, window, how)?;
+            }
+            if let Some(raycaster) = raycaster.as_deref_mut() {
+                let into = Target {
+                    colour: &targets.volumes[now],
+                    occluder: Some(&targets.depths[now]),
+                    background: Some([0.0; 4]),
+                };
+                raycaster.record_part(work, camera, Mode::Composite, &into, window)?;
+            }
+            let colour = [attachment(&targets.sums[now], wgpu::LoadOp::Load)];
+            let mut pass = work.render_pass("skin/blend", &colour, None);
+            targets.blends[now].record(&mut pass, 3, 1);
+        }
+        let now = layers as usize % 2;
+        if let Some(raycaster) = raycaster {
+            let into = Target {
+                colour: &targets.volumes[now],
+                occluder: Some(&targets.opaque_depth),
+                background: Some([0.0; 4]),
+            };
+            raycaster.record_part(work, camera, Mode::Composite, &into, window)?;
+        }
+        targets.finish(gpu, work, target, now)
+    }
+}
+
+impl Targets {
+    fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Targets> {
+        let texture = |format| {
+            let copied = match format {
+                DEPTH => wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST,
+                _ => wgpu::TextureUsages::empty(),
+            };
+            let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+                label: Some("layers of skin"),
+                size: wgpu::Extent3d {
+                    width: size[0],
+                    height: size[1],
+                    depth_or_array_layers: 1,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                    | wgpu::TextureUsages::TEXTURE_BINDING
+                    | copied,
+                view_formats: &[],
+            });
+            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        let layer = texture(SUM);
+        let volumes = [texture(SUM), texture(SUM)];
+        let sums = [texture(SUM), texture(SUM)];
+        let blend = |now: usize| {
+            let before = 1 - now;
+            gpu.draw("skin/blend")
+                .read(&sums[before])
+                .read(&volumes[before])
+                .read(&volumes[now])
+                .read(&layer)
+                .params(&gpu_data::Blend {
+                    background: [0.0; 4],
+                })
+                .target(SUM, None)
+                .prepare()
+        };
+        Ok(Targets {
+            size,
+            opaque: texture(SUM),
+            opaque_depth: texture(DEPTH),
+            depths: [texture(DEPTH), texture(DEPTH)],
+            blends: [blend(0)?, blend(1)?],
+            layer,
+            volumes,
+            sums,
+        })
+    }
+
+    /// Clears all of it, and brings the depths of the caller's opaque things.
+    fn begin(
+        &self,
+        gpu: &Gpu,
+        work: &mut Recorder,
+        occluder: Option<&wgpu::TextureView>,
+    ) -> Result<()> {
+        let clear = |work: &mut Recorder, view: &wgpu::TextureView, alpha: f64| {
+            let colour = wgpu::Color {
+                a: alpha,
+                ..wgpu::Color::TRANSPARENT
+            };
+            let colour = [attachment(view, wgpu::LoadOp::Clear(colour))];
+            work.render_pass("skin/clear", &colour, None);
+        };
+        // The skins before the first layer let all light through.
+        clear(work, &self.sums[1], 1.0);
+        for volume in &self.volumes {
+            clear(work, volume, 0.0);
+        }
+        clear(work, &self.opaque, 0.0);
+        let depth = wgpu::RenderPassDepthStencilAttachment {
+            view: &self.opaque_depth,
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(0.0),
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        };
+        let copy = match occluder {
+            Some(occluder) => Some(
+                gpu.draw("skin/depth")
+                    .read(occluder)
+                    .depth(DEPTH, wgpu::CompareFunction::Always, true)
+                    .prepare()?,
+            ),
+            None => None,
+        };
+        let mut pass = work.render_pass("skin/depth", &[], Some(depth));
+        if let Some(copy) = copy {
+            copy.record(&mut pass, 3, 1);
+        }
+        Ok(())
+    }
+
+    /// Begins a layer: nothing of it yet, and nothing behind what is opaque.
+    fn clear_layer(&self, work: &mut Recorder, now: usize) {
+        let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
+        work.render_pass("skin/clear", &[attachment(&self.layer, clear)], None);
+        work.encoder().copy_texture_to_texture(
+            self.opaque_depth.texture().as_image_copy(),
+            self.depths[now].texture().as_image_copy(),
+            self.opaque_depth.texture().size(),
+        );
+    }
+
+    /// Adds the rest of the volume and what is opaque, and brings it all into `target`.
+    fn finish(&self, gpu: &Gpu, work: &mut Recorder, target: &Target, now: usize) -> Result<()> {
+        let before = 1 - now;
+        let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+        let draw = gpu
+            .draw("skin/blend")
+            .constant("LAST", 1.0)
+            .read(&self.sums[before])
+            .read(&self.volumes[before])
+            .read(&self.volumes[now])
+            .read(&self.opaque)
+            .params(&gpu_data::Blend {
+                background: target.background.unwrap_or_default(),
+            })
+            .target(
+                target.colour.texture().format(),
+                target.background.is_none().then_some(over),
+            )
+            .prepare()?;
+        let load = match target.background {
+            Some(_) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+            None => wgpu::LoadOp::Load,
+        };
+        let mut pass = work.render_pass("skin/blend", &[attachment(target.colour, load)], None);
+        draw.record(&mut pass, 3, 1);
+        Ok(())
+    }
+}
