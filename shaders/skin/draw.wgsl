@@ -99,7 +99,8 @@ fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) 
     let eye = towards_eye(params.view, corner.place);
     var normal = normalize(corner.normal);
     let tangent = unit_or_zero(corner.tangent.xyz - normal * dot(normal, corner.tangent.xyz));
-    let other = select(-1.0, 1.0, corner.tangent.w > 0.0) * cross(normal, tangent);
+    // Along the second texture coordinate; camera space is left-handed.
+    let other = select(1.0, -1.0, corner.tangent.w > 0.0) * cross(normal, tangent);
     let side = select(-1.0, 1.0, front);
     var uv = corner.uv;
     if HEIGHT_MAP {

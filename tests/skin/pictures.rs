@@ -264,6 +264,20 @@ fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
     let bumpy = picture(&mut skin);
     keep(&bumpy, "normal-map.png");
     assert!(difference(&plain, &bumpy) > 0.01);
+    // The light comes from above and from the left; north is up, and east to the right.
+    let tilted = |skin: &mut Skin, texel| {
+        skin.set_normal_map(Some(&map(texel))).unwrap();
+        f64::from(picture(skin).pixel(48, 48)[1])
+    };
+    let north = tilted(&mut skin, |_, _| [128, 200, 230, 255]);
+    let south = tilted(&mut skin, |_, _| [128, 56, 230, 255]);
+    let east = tilted(&mut skin, |_, _| [200, 128, 230, 255]);
+    let west = tilted(&mut skin, |_, _| [56, 128, 230, 255]);
+    assert!(
+        north > south + 0.1 && west > east + 0.1,
+        "{north} {south} {east} {west}"
+    );
+    skin.set_normal_map(Some(&bumps)).unwrap();
     // A height map at the surface everywhere sinks nothing; elsewhere the bumps move.
     let level = map(|_, _| [255; 4]);
     skin.set_height_map(Some((&level, 0.1))).unwrap();
