@@ -5,6 +5,7 @@
 //! to three nodes of the body; the vertex shader does the rest from the texture of positions.
 //! Nothing is read back, and what a vertex is made of never changes.
 
+mod bake;
 mod binding;
 mod carrier;
 mod composer;
@@ -13,6 +14,7 @@ mod map;
 mod report;
 mod vertices;
 
+pub use bake::{BakeReport, bake};
 pub use binding::{Base, BindingReport, Mapping, bind};
 pub use carrier::Carrier;
 pub use composer::{ComposeOptions, Composer};

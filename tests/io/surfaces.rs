@@ -489,3 +489,59 @@ fn real_surfaces_have_their_true_counts() {
     assert_eq!((found.components, found.closed), (26, true));
     assert_eq!(found.euler_number, 52);
 }
+
+/// Two triangles folded along an edge, with a seam of the texture at one of its ends.
+const SEAM: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n\
+    vt 0 0\nvt 0.5 0\nvt 0.5 1\nvt 1 0.25\nvn 0 0 1\nvn 0 2 0\n";
+
+#[test]
+fn obj_keeps_texture_coordinates_and_normals_of_corners() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("seam.obj");
+    let read = |faces: &str| {
+        std::fs::write(&path, format!("{SEAM}{faces}")).unwrap();
+        io::read_surface(&path).unwrap()
+    };
+    let mut surface = read("f 1/1/1 2/2/1 3/3/1\nf 2/4/2 1/-4/-1 4/3/-1\n");
+    let [a, b] = surface.corner_uvs().unwrap()[..] else {
+        panic!("two triangles")
+    };
+    assert_eq!(
+        a.map(|u| u.to_array()),
+        [[0.0, 0.0], [0.5, 0.0], [0.5, 1.0]]
+    );
+    assert_eq!(
+        b.map(|u| u.to_array()),
+        [[1.0, 0.25], [0.0, 0.0], [0.5, 1.0]]
+    );
+    let normals = surface.corner_normals().unwrap();
+    assert_eq!(normals[1][2].to_array(), [0.0, 2.0, 0.0]);
+    // A turned triangle takes its corners' coordinates along.
+    surface.triangles[1].swap(1, 2);
+    let [v, w] = [surface.triangles[1][1], surface.triangles[1][2]];
+    assert_eq!(surface.orient(), 1);
+    assert_eq!(surface.triangles[1][1..], [w, v]);
+    let turned = surface.corner_uvs().unwrap()[1];
+    assert_eq!(
+        turned.map(|u| u.to_array()),
+        [[1.0, 0.25], [0.5, 1.0], [0.0, 0.0]]
+    );
+    // Written and read again they are the same.
+    let again = folder.path().join("again.obj");
+    io::write_surface(&again, &surface).unwrap();
+    let again = io::read_surface(&again).unwrap();
+    assert_eq!(again.corner_uvs(), surface.corner_uvs());
+    assert_eq!(again.triangles, surface.triangles);
+
+    // Where a corner has none, there are none, and that is said.
+    let part = read("f 1/1 2/2 3/3\nf 2/4 1 4/3\n");
+    assert!(part.corner_uvs().is_none());
+    assert!(part.notes.iter().any(|n| n.contains("texture coordinates")));
+    // PLY has them as scalars of the vertices.
+    let mut ply = read("f 1 2 3\nf 2 1 4\n");
+    for (name, values) in [("s", [0.0, 0.1, 0.2, 0.3]), ("t", [1.0, 0.9, 0.8, 0.7])] {
+        let field = palpate::mesh::Field::scalar(name, Location::Node, values.to_vec());
+        ply.fields.push(field);
+    }
+    assert_eq!(ply.corner_uvs().unwrap()[1][2].to_array(), [0.3, 0.7]);
+}

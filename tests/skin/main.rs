@@ -1,6 +1,7 @@
 //! Skins against their float64 twin, at rest, moved, bent, and in pictures.
 #![allow(clippy::unwrap_used)]
 
+mod bake;
 mod common;
 mod mapping;
 mod pictures;

@@ -1,0 +1,256 @@
+//! The normal map of a coarse surface from a fine one.
+
+use super::map::Map;
+use super::vertices::{Vertices, check};
+use crate::mesh::{Tree, TriMesh};
+use crate::{Error, Result};
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+/// What came of a [`bake`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct BakeReport {
+    /// Texels that the coarse surface covers.
+    pub covered: usize,
+    /// Of these, those whose normal meets the fine surface nowhere near; they have the normal of
+    /// its nearest point.
+    pub missed: usize,
+    /// Triangles of the coarse surface without an area in its texture.
+    pub unmapped: usize,
+}
+
+/// The fine surface is looked for this far from the coarse one, in shares of its size.
+const REACH: f64 = 0.1;
+/// Texels beyond the rims of the texture's islands that are filled up, for smooth look-ups there.
+const MARGIN: usize = 4;
+/// Texture coordinates farther out than this are taken for a mistake.
+const FARTHEST_UV: f64 = 64.0;
+/// A normal map's texel that changes nothing.
+const FLAT: [u8; 4] = [128, 128, 255, 255];
+
+/// The tangent-space normal map of `size` texels that makes `coarse`, which has texture
+/// coordinates, look like `fine`: from each texel's point the fine surface is looked for along the
+/// interpolated normal, both ways, and its normal expressed in tangent, bitangent and normal there.
+///
+/// Both surfaces are in one place and unit. Time O(texels · log of the fine triangles), in
+/// parallel.
+///
+/// # Errors
+/// [`Error::Input`] when `coarse` has no texture coordinates, or ones that are far out, or for a
+/// size that is not from 1 to 8192; [`Error::Mesh`] for surfaces without triangles.
+pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, BakeReport)> {
+    if size.iter().any(|n| !(1..=8192).contains(n)) {
+        return Err(Error::Input(format!(
+            "a normal map of {} x {} texels; each side must be from 1 to 8192",
+            size[0], size[1]
+        )));
+    }
+    let oriented = |surface: &TriMesh| {
+        check(surface)?;
+        let mut surface = surface.clone();
+        surface.orient();
+        Vertices::new(&surface)
+    };
+    let (coarse, fine) = (oriented(coarse)?, oriented(fine)?);
+    if coarse.uvs.is_empty() {
+        return Err(Error::Input(
+            "the coarse surface has no texture coordinates to bake by; an OBJ file can have them"
+                .into(),
+        ));
+    }
+    let far = |uv: &&DVec2| !uv.is_finite() || uv.abs().max_element() > FARTHEST_UV;
+    if let Some(uv) = coarse.uvs.iter().find(far) {
+        return Err(Error::Input(format!(
+            "the texture coordinates {uv} of the coarse surface lie far from 0 to 1"
+        )));
+    }
+    let (owners, unmapped) = covered(&coarse, size);
+    let fine = Fine::new(&fine);
+    let (low, high) = crate::mesh::bounds(&coarse.positions);
+    let reach = REACH * (high - low).max_element();
+    let found: Vec<Option<(DVec3, bool)>> = owners
+        .par_iter()
+        .map(|owner| owner.map(|(t, w)| fine.normal_at(&coarse, t, w, reach)))
+        .collect();
+    let mut report = BakeReport {
+        unmapped,
+        ..BakeReport::default()
+    };
+    for (_, met) in found.iter().flatten() {
+        report.covered += 1;
+        report.missed += usize::from(!met);
+    }
+    let encode = |n: DVec3| {
+        let [x, y, z] = (n * 127.0 + 128.0).round().to_array();
+        [x as u8, y as u8, z as u8, 255]
+    };
+    let texels = found.into_iter().map(|f| f.map(|(n, _)| encode(n)));
+    Ok((
+        Map {
+            size,
+            texels: filled(texels.collect(), size),
+        },
+        report,
+    ))
+}
+
+/// The triangle that covers each texel's centre, and the weights of its corners there; and the
+/// number of triangles without an area in the texture.
+#[allow(clippy::type_complexity)]
+fn covered(coarse: &Vertices, size: [u32; 2]) -> (Vec<Option<(usize, [f64; 3])>>, usize) {
+    let scale = DVec2::new(f64::from(size[0]), f64::from(size[1]));
+    let mut owners = vec![None; size[0] as usize * size[1] as usize];
+    let mut unmapped = 0;
+    for (t, triangle) in coarse.triangles.iter().enumerate() {
+        // In texels from the upper left one's centre.
+        let [a, b, c] = triangle.map(|v| {
+            let uv = coarse.uvs[v as usize];
+            DVec2::new(uv.x, 1.0 - uv.y) * scale - 0.5
+        });
+        let area = (b - a).perp_dot(c - a);
+        if area.abs() < 1e-12 {
+            unmapped += 1;
+            continue;
+        }
+        let (low, high) = (a.min(b).min(c).ceil(), a.max(b).max(c).floor());
+        for y in low.y as i64..=high.y as i64 {
+            for x in low.x as i64..=high.x as i64 {
+                let p = DVec2::new(x as f64, y as f64);
+                let w = [(b, c), (c, a), (a, b)].map(|(q, r)| (q - p).perp_dot(r - p) / area);
+                if w.iter().all(|w| *w >= -1e-9) {
+                    let column = x.rem_euclid(size[0].into()) as usize;
+                    let row = y.rem_euclid(size[1].into()) as usize;
+                    owners[row * size[0] as usize + column] = Some((t, w));
+                }
+            }
+        }
+    }
+    (owners, unmapped)
+}
+
+/// Texels with the gaps near others filled from them, and the rest flat.
+fn filled(mut texels: Vec<Option<[u8; 4]>>, [width, height]: [u32; 2]) -> Vec<[u8; 4]> {
+    let (width, height) = (width as usize, height as usize);
+    for _ in 0..MARGIN {
+        let before = texels.clone();
+        for (i, texel) in texels.iter_mut().enumerate().filter(|(_, t)| t.is_none()) {
+            let (x, y) = (i % width, i / width);
+            let beside = [
+                y * width + (x + 1) % width,
+                y * width + (x + width - 1) % width,
+                (y + 1) % height * width + x,
+                (y + height - 1) % height * width + x,
+            ];
+            *texel = beside.iter().find_map(|j| before[*j]);
+        }
+    }
+    texels.into_iter().map(|t| t.unwrap_or(FLAT)).collect()
+}
+
+/// The fine surface, to be looked for.
+struct Fine<'a> {
+    vertices: &'a Vertices,
+    tree: Tree,
+}
+
+impl<'a> Fine<'a> {
+    fn new(vertices: &'a Vertices) -> Fine<'a> {
+        let corners = |t: &[u32; 3]| t.map(|v| vertices.positions[v as usize]);
+        Fine {
+            tree: Tree::new(vertices.triangles.iter().map(corners).collect()),
+            vertices,
+        }
+    }
+
+    /// The normal that triangle `t` of `coarse` should show at the weights `w`, in tangent space;
+    /// and whether its own normal meets the fine surface.
+    fn normal_at(&self, coarse: &Vertices, t: usize, w: [f64; 3], reach: f64) -> (DVec3, bool) {
+        let triangle = coarse.triangles[t];
+        let mix =
+            |list: &[DVec3]| -> DVec3 { (0..3).map(|k| w[k] * list[triangle[k] as usize]).sum() };
+        let point = mix(&coarse.positions);
+        let normal = mix(&coarse.normals).normalize_or(DVec3::Z);
+        let tangent = mix(&coarse.tangents);
+        let tangent = (tangent - normal * normal.dot(tangent))
+            .try_normalize()
+            .unwrap_or_else(|| normal.any_orthonormal_vector());
+        let other = coarse.handedness[triangle[0] as usize] * normal.cross(tangent);
+        let met = self.meet(point, normal, reach);
+        let hit = met.or_else(|| self.tree.nearest(point));
+        let fine = hit.map_or(normal, |(t, w)| {
+            let corners = self.vertices.triangles[t];
+            (0..3)
+                .map(|k| w[k] * self.vertices.normals[corners[k] as usize])
+                .sum::<DVec3>()
+                .normalize_or(normal)
+        });
+        let local = DVec3::new(fine.dot(tangent), fine.dot(other), fine.dot(normal));
+        // What faces away cannot be shown.
+        let local = local.with_z(local.z.max(0.0)).normalize_or(DVec3::Z);
+        (local, met.is_some())
+    }
+
+    /// The triangle nearest to `origin` along the line of `direction`, both ways, that faces the
+    /// same way; and the weights of its corners where it is met.
+    fn meet(&self, origin: DVec3, direction: DVec3, reach: f64) -> Option<(usize, [f64; 3])> {
+        let mut best: Option<(f64, usize, [f64; 3])> = None;
+        let mut stack = vec![0];
+        while let Some(index) = stack.pop() {
+            let Some(node) = self.tree.boxes.get(index) else {
+                continue;
+            };
+            let nearest = best.map_or(reach, |b| b.0);
+            if !crosses(node.low, node.high, origin, direction, nearest) {
+                continue;
+            }
+            if node.right != 0 {
+                stack.extend([node.right, index + 1]);
+                continue;
+            }
+            for i in node.range.0..node.range.1 {
+                let Some((along, w)) = meets(self.tree.triangles[i], origin, direction) else {
+                    continue;
+                };
+                if along.abs() <= best.map_or(reach, |b| b.0) {
+                    best = Some((along.abs(), self.tree.numbers[i] as usize, w));
+                }
+            }
+        }
+        best.map(|(_, t, w)| (t, w))
+    }
+}
+
+/// Whether the line through `origin` passes the box within `reach`, both ways.
+fn crosses(low: DVec3, high: DVec3, origin: DVec3, direction: DVec3, reach: f64) -> bool {
+    let (mut from, mut to) = (-reach, reach);
+    for k in 0..3 {
+        let (a, b) = (low[k] - origin[k], high[k] - origin[k]);
+        if direction[k].abs() < 1e-300 {
+            if a > 0.0 || b < 0.0 {
+                return false;
+            }
+            continue;
+        }
+        let (a, b) = (a / direction[k], b / direction[k]);
+        (from, to) = (from.max(a.min(b)), to.min(a.max(b)));
+    }
+    from <= to + 1e-12 * reach
+}
+
+/// Where the line meets a triangle that faces along it (Möller & Trumbore), and the weights of its
+/// corners there.
+fn meets([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, [f64; 3])> {
+    let (ab, ac) = (b - a, c - a);
+    let across = direction.cross(ac);
+    let facing = ab.dot(across);
+    // Twice the area times the normal's component against the line.
+    if facing.is_nan() || facing >= 0.0 {
+        return None;
+    }
+    let from = origin - a;
+    let v = from.dot(across) / facing;
+    let turned = from.cross(ab);
+    let w = direction.dot(turned) / facing;
+    let inside = v >= -1e-9 && w >= -1e-9 && v + w <= 1.0 + 1e-9;
+    inside.then(|| (ac.dot(turned) / facing, [1.0 - v - w, v, w]))
+}
