@@ -2,7 +2,8 @@
 
 use super::binding::{Base, triangles_around};
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
-use crate::mesh::{LocalFrame, TetMesh, Topology};
+use crate::mesh::{LocalFrame, NO_NORMAL, TetMesh, Topology, pack_normal};
+use crate::physics::grid::GridBody;
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -133,10 +134,33 @@ impl Carrier {
         positions: &Array,
         frame: LocalFrame,
     ) -> Result<Carrier> {
-        let topology = Topology::new(mesh);
-        let faces = topology.boundary.iter();
-        let triangles: Vec<[u32; 3]> = faces.map(|f| topology.boundary_nodes(mesh, *f)).collect();
-        Carrier::with_area_normals(gpu, positions, frame, &mesh.nodes, &triangles)
+        Carrier::with_area_normals(gpu, positions, frame, &mesh.nodes, &boundary(mesh))
+    }
+
+    /// A grid body, with the approximate normals that its steps make (equation 3): its particles
+    /// as the nodes, the boundary of its full cells as base triangles.
+    ///
+    /// # Errors
+    /// As [`Carrier::new`].
+    pub fn of_grid(body: &GridBody) -> Result<Carrier> {
+        let (model, mesh) = (body.model(), body.mesh());
+        let normal = |(region, springs): (&u16, &u32)| match region {
+            0 => NO_NORMAL,
+            _ => model
+                .shape
+                .rest_normal(*springs)
+                .map_or(NO_NORMAL, pack_normal),
+        };
+        let regions = model.shape.regions.iter();
+        let normals: Vec<u32> = regions.zip(&model.springs).map(normal).collect();
+        Carrier::new(
+            body.nodes().array(),
+            body.nodes().frame(),
+            body.normals(),
+            &mesh.nodes,
+            &normals,
+            &boundary(mesh),
+        )
     }
 
     /// The frame of the positions.
@@ -164,6 +188,12 @@ impl Carrier {
             refresh.record(work);
         }
     }
+}
+
+fn boundary(mesh: &TetMesh) -> Vec<[u32; 3]> {
+    let topology = Topology::new(mesh);
+    let faces = topology.boundary.iter();
+    faces.map(|f| topology.boundary_nodes(mesh, *f)).collect()
 }
 
 /// Rest positions as the GPU has them.

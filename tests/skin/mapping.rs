@@ -1,10 +1,12 @@
 //! What the mappings promise: at rest, under rigid motion, bent; and what they refuse.
 
 use crate::common::*;
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use palpate::mesh::{NO_NORMAL, TriMesh, pack_normal};
+use palpate::physics::Material;
+use palpate::physics::grid::{GridBody, GridModel, GridShape};
 use palpate::reference::skin::{node_normals, place};
-use palpate::skin::{Base, Mapping, Skin, Vertices, bind};
+use palpate::skin::{Base, Carrier, Mapping, Skin, Vertices, bind};
 use std::collections::HashMap;
 
 #[test]
@@ -91,6 +93,48 @@ fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
             // Had the nodes not moved, all of this would be wrong.
             assert!(apart(&at(|p| p.normal), &rest.normals) > 0.5);
         }
+    }
+}
+
+/// A ball as a domain to carve grids from.
+struct Ball(f64);
+
+impl palpate::mesher::Domain for Ball {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        (DVec3::splat(-self.0), DVec3::splat(self.0))
+    }
+
+    fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+        weights.clear();
+        weights.push((1, self.0 - p.length()));
+    }
+}
+
+#[test]
+fn a_grid_body_carries_a_skin_by_its_own_normals() {
+    let gpu = gpu();
+    let shape = GridShape::carve_about(&Ball(1.05), 3000, DMat3::IDENTITY).unwrap();
+    let model = GridModel::new(shape, &Material::young(1e4)).unwrap();
+    let mut body = GridBody::new(&gpu, model).unwrap();
+    let surface = bumpy(40);
+    let whole = size(&surface.vertices);
+    let carrier = Carrier::of_grid(&body).unwrap();
+    let skins = Mapping::ALL.map(|m| Skin::new(&gpu, &surface, &carrier, m).unwrap());
+    for (skin, mapping) in skins.iter().zip(Mapping::ALL) {
+        let error = apart(&skin.vertices().unwrap(), &surface.vertices) / whole;
+        println!("grid, {mapping}: {error:.1e}, {:?}", skin.binding());
+        assert_eq!(error < 1e-6, mapping != Mapping::OneToOne, "{error:e}");
+    }
+    // Turned and moved as a whole; its next step makes the normals there.
+    let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), 1.1);
+    let moved = |p: &DVec3| turn * *p + DVec3::new(0.2, 0.1, -0.1);
+    let nodes: Vec<DVec3> = body.mesh().nodes.iter().map(moved).collect();
+    body.set_positions(&nodes).unwrap();
+    body.run(1, 1e-6).unwrap();
+    let expected: Vec<DVec3> = surface.vertices.iter().map(moved).collect();
+    for (skin, mapping) in skins.iter().zip(Mapping::ALL).skip(1) {
+        let error = apart(&skin.vertices().unwrap(), &expected) / whole;
+        assert!(error < 3e-5, "{mapping}: {error:e}");
     }
 }
 
