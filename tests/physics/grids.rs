@@ -4,7 +4,7 @@ use crate::common::Noise;
 use glam::{DMat3, DVec3};
 use palpate::Error;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Topology, unpack_normal};
+use palpate::mesh::{Blade, Topology, pack_normal, unpack_normal};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridBody, GridModel, GridShape, STEPS};
 use palpate::physics::{Grip, Material, RegionMaterial};
@@ -428,4 +428,134 @@ fn springs_draw_with_no_more_than_their_limit() {
             |v: &[DVec3]| -> f64 { body.model().shape.particles().map(|i| v[i].x / count).sum() };
         assert!((mean(&after) / mean(&before) - 1.0).abs() < 0.02);
     }
+}
+
+/// The pieces that springs hold together: of each particle, the lowest number in its piece.
+fn pieces(model: &GridModel) -> Vec<usize> {
+    let offsets = model.shape.offsets();
+    let mut piece: Vec<usize> = (0..model.springs.len()).collect();
+    loop {
+        let mut changed = false;
+        for i in model.shape.particles() {
+            for (k, offset) in offsets.iter().enumerate() {
+                if model.springs[i] >> (2 * k) & 1 == 1 {
+                    let j = (i as i64 + offset) as usize;
+                    let low = piece[i].min(piece[j]);
+                    changed |= piece[i] != low || piece[j] != low;
+                    (piece[i], piece[j]) = (low, low);
+                }
+            }
+        }
+        if !changed {
+            return piece;
+        }
+    }
+}
+
+#[test]
+fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
+    let gpu = Gpu::new().unwrap();
+    let model = GridModel::new(ball(2000), &soft()).unwrap();
+    let h = 0.5 * model.stable_step();
+    let mut body = GridBody::new(&gpu, model).unwrap();
+    let count = body.mesh().nodes.len();
+    body.set_damping(0.0).unwrap();
+    // A spin, so that there is momentum to keep.
+    let spin: Vec<DVec3> = body
+        .mesh()
+        .nodes
+        .iter()
+        .map(|p| 5.0 * DVec3::Z.cross(*p))
+        .collect();
+    body.set_velocities(&spin).unwrap();
+    body.run(30, h).unwrap();
+    let miss = Blade::quad([1.0, 2.0, 3.0, 4.0].map(|a| DVec3::new(5.0 + a, a * a, a))).unwrap();
+    assert_eq!(body.cut(&miss).unwrap().springs, 0);
+    let mass: f64 = body.model().masses.iter().sum();
+    let before = body.velocities().unwrap();
+    let r = 0.2;
+    let corner = |y: f64, z: f64| DVec3::new(0.001, y * r, z * r);
+    let blade = Blade::quad([
+        corner(-1.0, -1.0),
+        corner(1.0, -1.0),
+        corner(1.0, 1.0),
+        corner(-1.0, 1.0),
+    ])
+    .unwrap();
+    let cut = body.cut(&blade).unwrap();
+    assert!(cut.springs > 300 && cut.tets > 0);
+    let model = body.model();
+    assert_eq!(model.masses.iter().sum::<f64>(), mass);
+    assert_eq!(body.velocities().unwrap(), before);
+    // No spring that is left crosses the blade; the pieces are those of its two sides.
+    let now = body.positions().unwrap();
+    let offsets = model.shape.offsets();
+    let piece = pieces(model);
+    let mut seen: Vec<usize> = Vec::new();
+    for i in model.shape.particles() {
+        for (k, offset) in offsets.iter().enumerate() {
+            let j = (i as i64 + offset) as usize;
+            if model.springs[i] >> (2 * k) & 1 == 1 {
+                assert_eq!(now[i].x > 0.001, now[j].x > 0.001);
+                assert_eq!(model.springs[j] >> (2 * k + 1) & 1, 1);
+            }
+        }
+        seen.push(piece[i]);
+    }
+    seen.sort_unstable();
+    seen.dedup();
+    assert_eq!(seen.len(), 2);
+    let side: Vec<bool> = now.iter().map(|p| p.x > 0.001).collect();
+    let pull = |i: usize| DVec3::X * if side[i] { 2e-3 } else { -2e-3 };
+    body.set_forces(&(0..count).map(pull).collect::<Vec<_>>())
+        .unwrap();
+    body.run(400, h).unwrap();
+    let apart = body.positions().unwrap();
+    let least = body
+        .model()
+        .shape
+        .particles()
+        .filter(|i| side[*i])
+        .map(|i| apart[i].x);
+    let most = body
+        .model()
+        .shape
+        .particles()
+        .filter(|i| !side[*i])
+        .map(|i| apart[i].x);
+    assert!(least.fold(1.0, f64::min) > most.fold(-1.0, f64::max));
+    // A single spring is erased at no cost to others.
+    let one = body
+        .model()
+        .shape
+        .particles()
+        .find(|i| body.model().springs[*i] & 1 == 1)
+        .unwrap();
+    assert!(body.remove(&[one as u32]).unwrap().springs > 0);
+    assert_eq!(body.model().springs[one], 0);
+    body.run(10, h).unwrap();
+}
+
+#[test]
+fn rest_normals_are_the_gpus_own() {
+    let gpu = Gpu::new().unwrap();
+    let model = GridModel::new(ball(2000), &soft()).unwrap();
+    let h = 0.1 * model.stable_step();
+    let mut body = GridBody::new(&gpu, model).unwrap();
+    let rest = body.rest_normals().unwrap();
+    // At rest nothing moves, and a step makes the same bits.
+    body.run(1, h).unwrap();
+    let stepped: Vec<u32> = gpu.read_array(body.normals()).unwrap();
+    assert_eq!(rest, stepped);
+    let mut near = 0;
+    for i in body.model().shape.particles() {
+        let exact = body.model().shape.rest_normal(body.model().springs[i]);
+        let exact = exact.and_then(|n| unpack_normal(pack_normal(n)));
+        assert_eq!(exact.is_some(), unpack_normal(rest[i]).is_some());
+        if let (Some(a), Some(b)) = (exact, unpack_normal(rest[i])) {
+            assert!(a.distance(b) < 1e-3);
+            near += 1;
+        }
+    }
+    assert!(near > 200);
 }

@@ -3,7 +3,7 @@
 use super::model::GridModel;
 use super::verlet::{Prepared, Touch, Turn};
 use crate::gpu::{Array, Gpu, Texel};
-use crate::mesh::{NO_NORMAL, TetMesh, pack_normal};
+use crate::mesh::{NO_NORMAL, TetMesh};
 use crate::physics::grab::{GrabId, Grabs, Grip};
 use crate::physics::{Energy, Nodes, Report};
 use crate::{Error, Result};
@@ -14,7 +14,7 @@ use glam::{DVec3, Vec3};
 pub struct GridBody {
     pub(super) gpu: Gpu,
     pub(super) model: GridModel,
-    mesh: TetMesh,
+    pub(super) mesh: TetMesh,
     /// Its array is the first of the three.
     pub(super) nodes: Nodes,
     pub(super) positions: [Array; 3],
@@ -35,7 +35,7 @@ pub struct GridBody {
     pinned: Vec<bool>,
     /// The step by which `before` lies back; none where it is to be made from the velocities.
     pub(super) lag: Option<f64>,
-    dirty: bool,
+    pub(super) dirty: bool,
     pub(super) prepared: Option<Prepared>,
     pub(super) grabs: Grabs,
     /// What the grabs do to each of the three arrays.
@@ -52,12 +52,7 @@ impl GridBody {
     pub fn new(gpu: &Gpu, model: GridModel) -> Result<GridBody> {
         let mesh = model.shape.mesh(&model.springs)?;
         let nodes = Nodes::new(gpu, &mesh)?;
-        let rest: Vec<[f32; 4]> = mesh
-            .nodes
-            .iter()
-            .zip(&model.factors)
-            .map(|(p, k)| model.frame.to_local(*p).extend(*k as f32).to_array())
-            .collect();
+        let rest = rest(&model, &mesh);
         gpu.write_array(nodes.array(), &rest)?;
         let total = rest.len();
         let [before, next] = [
@@ -66,10 +61,10 @@ impl GridBody {
         ];
         let count = model.shape.count();
         let mass: f64 = model.masses.iter().sum();
-        let body = GridBody {
+        let mut body = GridBody {
             gpu: gpu.clone(),
             positions: [nodes.array().clone(), before, next],
-            normals: gpu.array_of("approximate normals", Texel::U32, &rest_normals(&model))?,
+            normals: gpu.array_of("approximate normals", Texel::U32, &vec![NO_NORMAL; total])?,
             particles: gpu.array("particles", Texel::U32x4, count)?,
             external: gpu.array("external forces", Texel::F32x4, total)?,
             velocities: gpu.array("velocities", Texel::F32x4, total)?,
@@ -97,7 +92,20 @@ impl GridBody {
             nodes,
         };
         body.write_loads()?;
+        let normals = body.rest_normals()?;
+        gpu.write_array(&body.normals, &normals)?;
         Ok(body)
+    }
+
+    /// Rest positions as the GPU has them.
+    pub(super) fn rest(&self) -> Vec<[f32; 4]> {
+        rest(&self.model, &self.mesh)
+    }
+
+    /// An array of normals that are none.
+    pub(super) fn blank_normals(&self) -> Result<Array> {
+        let none = vec![NO_NORMAL; self.mesh.nodes.len()];
+        self.gpu.array_of("normals at rest", Texel::U32, &none)
     }
 
     /// Its particles and springs.
@@ -337,14 +345,10 @@ impl GridBody {
     }
 }
 
-/// The approximate normals at rest, packed.
-fn rest_normals(model: &GridModel) -> Vec<u32> {
-    let of = |i: usize| match model.shape.regions[i] {
-        0 => NO_NORMAL,
-        _ => model
-            .shape
-            .rest_normal(model.springs[i])
-            .map_or(NO_NORMAL, pack_normal),
-    };
-    (0..model.springs.len()).map(of).collect()
+/// Rest positions in the local frame, and the relative stiffness of each particle.
+fn rest(model: &GridModel, mesh: &TetMesh) -> Vec<[f32; 4]> {
+    let places = mesh.nodes.iter().zip(&model.factors);
+    places
+        .map(|(p, k)| model.frame.to_local(*p).extend(*k as f32).to_array())
+        .collect()
 }

@@ -6,10 +6,12 @@
 //! x + nx (y + ny z). What draws or carries other bodies takes it as it takes theirs.
 
 mod body;
+mod cut;
 mod model;
 mod shape;
 mod verlet;
 
 pub use body::GridBody;
+pub use cut::GridCut;
 pub use model::GridModel;
 pub use shape::{GridShape, SPRING_KINDS, STEPS};

@@ -261,6 +261,38 @@ impl GridBody {
             .over(self.particles.len())
     }
 
+    /// The pass that makes the normals of other positions than the present ones, and moves
+    /// nothing.
+    pub(super) fn normals_pass(
+        &self,
+        positions: &Array,
+        unused: &Array,
+        normals: &Array,
+    ) -> Result<Pass> {
+        let offsets = self.model.shape.offsets();
+        let offset = |k: usize| f32::from_bits(offsets[k] as i32 as u32);
+        let params = GridParams {
+            springs: std::array::from_fn(|k| [offset(k), 0.0, 0.0, 0.0]),
+            pull: [0.0; 4],
+            count: self.particles.len(),
+            kept: 0.0,
+            gain: 0.0,
+            least_normal: LEAST_NORMAL as f32,
+        };
+        self.gpu
+            .pass("physics/grid_verlet")
+            .constant("NORMALS", 1.0)
+            .constant("EXTERNAL", 0.0)
+            .read(positions)
+            .read(positions)
+            .read(&self.particles)
+            .read(&self.external)
+            .write(unused)
+            .write(normals)
+            .params(&params)
+            .over(self.particles.len())
+    }
+
     /// The pass that makes the position before the first step of `dt`.
     fn start(&self, dt: f64) -> Result<Pass> {
         let params = StartParams {

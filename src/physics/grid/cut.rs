@@ -1,0 +1,123 @@
+//! Cutting a grid body: springs are erased, down to a single one; particles are taken out.
+
+use super::body::GridBody;
+use super::shape::SPRING_KINDS;
+use crate::gpu::Texel;
+use crate::mesh::Blade;
+use crate::{Error, Result};
+use rayon::prelude::*;
+
+/// What a cut of a grid body has changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct GridCut {
+    /// Springs that were erased.
+    pub springs: usize,
+    /// Tets of cells that are no longer whole: they are not drawn any more.
+    pub tets: usize,
+}
+
+impl GridBody {
+    /// Erases every spring that `blade` (file units) crosses where the body stands now. Reads
+    /// the positions back. Masses and velocities stay what they are; a blade that hits nothing
+    /// changes nothing.
+    ///
+    /// Cells that lose a spring are left out of [`GridBody::mesh`]: whoever draws it has to be
+    /// made anew.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array); [`Error::Input`] when no cell would
+    /// be left.
+    pub fn cut(&mut self, blade: &Blade) -> Result<GridCut> {
+        let positions = self.positions()?;
+        let offsets = self.model.shape.offsets();
+        let springs = &self.model.springs;
+        let particles: Vec<usize> = self.model.shape.particles().collect();
+        let crossed: Vec<(usize, usize)> = particles
+            .par_iter()
+            .flat_map_iter(|i| {
+                let kinds = (0..SPRING_KINDS).filter(move |k| springs[*i] >> (2 * k) & 1 == 1);
+                let j = move |k: usize| (*i as i64 + offsets[k]) as usize;
+                let positions = &positions;
+                kinds
+                    .filter(move |k| blade.parts(positions[*i], positions[j(*k)]))
+                    .map(move |k| (*i, k))
+            })
+            .collect();
+        self.erase(&crossed)
+    }
+
+    /// Takes particles out of the body: all their springs are erased, and they stay where they
+    /// are. Numbers that the body has not are passed over.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when no cell would be left.
+    pub fn remove(&mut self, particles: &[u32]) -> Result<GridCut> {
+        let offsets = self.model.shape.offsets();
+        let mut gone = Vec::new();
+        for i in particles.iter().map(|i| *i as usize) {
+            let springs = self.model.springs.get(i).copied().unwrap_or(0);
+            for (k, offset) in offsets.iter().enumerate() {
+                if springs >> (2 * k) & 1 == 1 {
+                    gone.push((i, k));
+                }
+                if springs >> (2 * k + 1) & 1 == 1 {
+                    gone.push(((i as i64 - offset) as usize, k));
+                }
+            }
+        }
+        gone.sort_unstable();
+        gone.dedup();
+        let cut = self.erase(&gone)?;
+        self.pin_nodes(particles);
+        Ok(cut)
+    }
+
+    /// Erases springs, each given by its particle and its kind forward.
+    fn erase(&mut self, gone: &[(usize, usize)]) -> Result<GridCut> {
+        if gone.is_empty() {
+            return Ok(GridCut::default());
+        }
+        let offsets = self.model.shape.offsets();
+        let mut springs = self.model.springs.clone();
+        for (i, k) in gone {
+            springs[*i] &= !(1 << (2 * k));
+            springs[(*i as i64 + offsets[*k]) as usize] &= !(1 << (2 * k + 1));
+        }
+        let mut mesh = self.model.shape.mesh(&springs).map_err(|_| {
+            Error::Input("the cut would leave no whole cell of the grid; nothing was cut".into())
+        })?;
+        let tets = self.mesh.tets.len() - mesh.tets.len();
+        mesh.length_unit = self.mesh.length_unit;
+        mesh.region_names = self.mesh.region_names.clone();
+        self.model.springs = springs;
+        self.mesh = mesh;
+        self.dirty = true;
+        Ok(GridCut {
+            springs: gone.len(),
+            tets,
+        })
+    }
+
+    /// The approximate normals at rest with the springs there are, packed: bit for bit as the GPU
+    /// makes them in a step. Reads back.
+    ///
+    /// # Errors
+    /// As [`Gpu::array`](crate::gpu::Gpu::array) and
+    /// [`Gpu::read_array`](crate::gpu::Gpu::read_array).
+    pub fn rest_normals(&mut self) -> Result<Vec<u32>> {
+        self.flush()?;
+        let rest = self.rest();
+        let rest = self
+            .gpu
+            .array_of("positions at rest", Texel::F32x4, &rest)?;
+        let unused = self
+            .gpu
+            .array("unused", Texel::F32x4, rest.len() as usize)?;
+        let normals = self.blank_normals()?;
+        let mut work = self.gpu.record();
+        self.normals_pass(&rest, &unused, &normals)?
+            .record(&mut work);
+        work.submit()?;
+        self.gpu.read_array(&normals)
+    }
+}
