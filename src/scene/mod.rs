@@ -34,6 +34,7 @@ mod material;
 mod measure;
 mod motion;
 mod region;
+mod skin;
 mod source;
 mod stage;
 #[cfg(test)]
@@ -48,6 +49,7 @@ pub use source::Seen;
 pub use stage::Stage;
 
 use crate::mesher::{Length, Window};
+use crate::skin::Mapping;
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer};
 use std::path::{Path, PathBuf};
@@ -76,6 +78,12 @@ pub struct Scene {
     /// What grabs the body, and where to.
     #[serde(default)]
     pub grab: Vec<GrabEntry>,
+    /// What cuts it.
+    #[serde(default)]
+    pub cut: Vec<CutEntry>,
+    /// Surfaces that the body carries.
+    #[serde(default)]
+    pub skin: Vec<SkinEntry>,
     /// The view; the whole mesh is framed where nothing else is said.
     #[serde(default)]
     pub camera: CameraEntry,
@@ -292,6 +300,62 @@ pub struct GrabEntry {
     pub limit: Option<f64>,
 }
 
+/// A cut: the straight edge of a blade moves along a path, and opens what it sweeps over. On a
+/// grid body it erases springs, on tets it opens faces and doubles nodes.
+///
+/// ```toml
+/// [[cut]]
+/// edge = [[0.0, 0, -9], [0.0, 0, 9]]        # the ends of the blade's edge, in the mesh's unit
+/// path = [[0.2, 0, 5, 0], [0.6, 0, -5, 0]]  # time in s, and how far the edge has moved
+/// ```
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CutEntry {
+    /// The ends of the blade's edge.
+    pub edge: [[f64; 3]; 2],
+    /// Times and displacements of the edge, linear between them: at least two.
+    pub path: Vec<[f64; 4]>,
+}
+
+/// A skin: a detailed surface that the body carries. It lies in the mesh's unit, where the body
+/// is at rest.
+///
+/// ```toml
+/// [[skin]]
+/// file = "skin.obj"       # .obj, .ply, .stl, .vtk; or a volume, with `above` or `labels`
+/// mapping = "auto"        # or one-to-one, constant, interpolated, normal-only
+/// opacity = 0.5
+/// ```
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SkinEntry {
+    /// A surface file beside the scene file, or a volume whose isosurface it is.
+    pub file: PathBuf,
+    /// Of a volume: the threshold of the isosurface.
+    #[serde(default, deserialize_with = "all_said")]
+    pub above: Vec<Window>,
+    /// Of a volume: the labels whose boundary it is.
+    pub labels: Option<Vec<i64>>,
+    /// Rounds of smoothing.
+    pub smooth: Option<u32>,
+    /// How the nodes carry it; chosen for each vertex where nothing is said.
+    pub mapping: Option<Mapping>,
+    /// Its colour: red, green, blue, from 0 to 1.
+    pub colour: Option<[f32; 3]>,
+    /// A scalar of its vertices that colours it instead.
+    pub field: Option<String>,
+    /// The preset whose colours that scalar takes; `viridis` where nothing is said.
+    pub transfer: Option<String>,
+    /// From 0, invisible, to 1, opaque.
+    pub opacity: Option<f32>,
+    /// A PNG of tangent-space normals, by texture coordinates.
+    pub normal_map: Option<PathBuf>,
+    /// A PNG of heights, by texture coordinates.
+    pub height_map: Option<PathBuf>,
+    /// How deep the height map is, in texture coordinates.
+    pub height: Option<f32>,
+}
+
 /// The view, in the units of the mesh file.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -318,7 +382,7 @@ pub struct PictureEntry {
     pub transfer: Option<String>,
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// `composite`, `thickness` or `surface`.
+    /// `composite`, `thickness`, `surface`, or `skin`: the skins alone, without the inside.
     pub mode: Option<String>,
     /// `vertices` or `planes`.
     pub walk: Option<String>,
@@ -342,6 +406,12 @@ impl Scene {
         let folder = path.parent().unwrap_or(Path::new(""));
         if let Some(file) = &mut scene.mesh.file {
             *file = folder.join(&file);
+        }
+        for skin in &mut scene.skin {
+            skin.file = folder.join(&skin.file);
+            for map in [&mut skin.normal_map, &mut skin.height_map] {
+                *map = map.take().map(|file| folder.join(file));
+            }
         }
         if let Some(transfer) = &mut scene.picture.transfer
             && transfer.ends_with(".json")

@@ -4,6 +4,7 @@ use super::{LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, TetMesh, Topology, depth_field, generate};
 use crate::mesher::{Labels, Recipe, Size};
+use crate::render::Scalars;
 use crate::{Error, Result};
 
 /// Names that readers give to reference numbers: labels, not quantities.
@@ -89,6 +90,16 @@ pub struct Seen {
     pub range: (f64, f64),
     /// How it was come by, when nobody asked for it.
     pub note: Option<String>,
+}
+
+impl Seen {
+    /// The values, as a geometry takes them.
+    pub fn scalars(&self) -> Scalars<'_> {
+        match &self.cells {
+            Some(cells) => Scalars::Cells(cells),
+            None => Scalars::Nodes(&self.values),
+        }
+    }
 }
 
 impl Scene {

@@ -1,15 +1,18 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
-use super::{Motion, Scene};
+use super::skin::{self, Dress};
+use super::touch::Knife;
+use super::{Motion, Mover, Scene, Seen};
 use crate::gpu::{Gpu, Recorder};
 use crate::io::PvdSeries;
-use crate::mesh::{Field, Location, ScalarType, TetMesh, Topology};
+use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
 use crate::physics::grid::GridShape;
 use crate::physics::{Nodes, SolverKind};
 use crate::render::{
-    Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars,
-    Shading, Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
+    Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Shading,
+    Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
 };
+use crate::skin::{ComposeOptions, Composer, Skin};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -28,6 +31,8 @@ pub(super) enum Shown {
     Inside(Mode),
     /// The lit boundary.
     Surface,
+    /// The skins alone.
+    Skin,
 }
 
 /// A scene ready to be moved and drawn.
@@ -40,6 +45,13 @@ pub struct Stage {
     pub(super) camera: Camera,
     pub(super) size: [u32; 2],
     pub(super) shown: Shown,
+    topology: Topology,
+    seen: Seen,
+    scene: Scene,
+    dresses: Vec<Dress>,
+    skins: Vec<Skin>,
+    composer: Composer,
+    knives: Vec<Knife>,
     background: Background,
     bits: BitDepth,
     steps: u32,
@@ -108,22 +120,10 @@ impl Stage {
                 Actor::Moving(Box::new(motion))
             }
         };
-        let nodes = actor.nodes();
-        let (positions, frame) = (nodes.array(), nodes.frame());
-        let scalars = match &seen.cells {
-            Some(cells) => Scalars::Cells(cells),
-            None => Scalars::Nodes(&seen.values),
-        };
-        let geometry = Geometry::new(gpu, &mesh, &topology, frame, positions, scalars)?;
-        let transfer = scene.transfer()?;
-        let colour = match scene.picture.field.is_some() || scene.picture.transfer.is_some() {
-            true => SurfaceColour::Field(transfer.clone()),
-            false => SurfaceColour::Plain(SKIN_COLOUR),
-        };
-        let surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
-        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, scene.options()?)?;
+        let (raycaster, surface) = scene.painters(gpu, &mesh, &topology, &seen, actor.nodes())?;
         let size = scene.picture.size.unwrap_or(SIZE);
-        Ok(Stage {
+        let dresses: Vec<Dress> = scene.skin.iter().map(Dress::new).collect::<Result<_>>()?;
+        let mut stage = Stage {
             gpu: gpu.clone(),
             camera: scene.camera(&mesh, size)?,
             size,
@@ -131,14 +131,105 @@ impl Stage {
             background: scene.background()?,
             bits: scene.bits()?,
             steps: scene.solver.steps.unwrap_or(STEPS),
-            drawn_version: nodes.version(),
+            drawn_version: actor.nodes().version(),
             depth: None,
+            composer: Composer::new(gpu, ComposeOptions::default())?,
+            knives: scene.cut.iter().map(Knife::new).collect::<Result<_>>()?,
+            skins: Vec::new(),
+            scene: scene.clone(),
+            topology,
+            seen,
+            dresses,
             mesh,
             actor,
             raycaster,
             surface,
             notes,
-        })
+        };
+        stage.put_on_skins()?;
+        for (dress, skin) in stage.dresses.iter().zip(&stage.skins) {
+            stage.notes.extend(dress.notes(skin));
+        }
+        Ok(stage)
+    }
+
+    /// Binds the skins to the body as it is cut now.
+    fn put_on_skins(&mut self) -> Result<()> {
+        if self.dresses.is_empty() {
+            return Ok(());
+        }
+        let carrier = skin::carrier(&self.gpu, &self.mesh, &mut self.actor)?;
+        let skins = self.dresses.iter().map(|d| d.bind(&self.gpu, &carrier));
+        self.skins = skins.collect::<Result<_>>()?;
+        Ok(())
+    }
+
+    /// The skins, as the body carries them now.
+    pub fn skins(&self) -> &[Skin] {
+        &self.skins
+    }
+
+    /// Cuts the body along `blade` (file units) where it stands now: its springs or tets, and
+    /// its skins. Returns whether anything was hit.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body that nothing moves; otherwise as
+    /// [`Body::cut`](crate::physics::Body::cut) and
+    /// [`GridBody::cut`](crate::physics::grid::GridBody::cut).
+    pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
+        let mut opened = 0;
+        for (dress, skin) in self.dresses.iter_mut().zip(&self.skins) {
+            opened += dress.open(skin, blade)?;
+        }
+        let hit = match &mut self.actor {
+            Actor::Posed(_) => {
+                return Err(Error::Input(
+                    "what nothing moves cannot be cut: name a solver".into(),
+                ));
+            }
+            Actor::Moving(motion) => match &mut motion.body {
+                Mover::Tets(body, _) => {
+                    let cut = body.cut(&mut self.mesh, &mut self.topology, blade)?;
+                    for [_, from] in &cut.doubled {
+                        self.seen.values.push(self.seen.values[*from as usize]);
+                    }
+                    let geometry = self.raycaster.geometry_mut();
+                    let positions = body.nodes().array();
+                    let scalars = self.seen.scalars();
+                    geometry.follow(&self.mesh, &self.topology, &cut, positions, scalars)?;
+                    self.surface
+                        .follow(self.raycaster.geometry(), &self.seen.values)?;
+                    !cut.is_empty()
+                }
+                Mover::Grid(body) => {
+                    let cut = body.cut(blade)?;
+                    if cut.tets > 0 {
+                        let nodes = std::mem::take(&mut self.mesh.fields);
+                        self.mesh = body.mesh().clone();
+                        for field in nodes {
+                            if field.location == Location::Node {
+                                self.mesh.set_field(field)?;
+                            }
+                        }
+                        self.topology = Topology::new(&self.mesh);
+                        self.seen = self.scene.seen(&self.mesh, &self.topology)?;
+                        let (gpu, seen) = (&self.gpu, &self.seen);
+                        (self.raycaster, self.surface) = self.scene.painters(
+                            gpu,
+                            &self.mesh,
+                            &self.topology,
+                            seen,
+                            body.nodes(),
+                        )?;
+                    }
+                    cut.springs > 0
+                }
+            },
+        };
+        if hit || opened > 0 {
+            self.put_on_skins()?;
+        }
+        Ok(hit)
     }
 
     /// What was assumed or repaired, in words.
@@ -187,10 +278,30 @@ impl Stage {
     /// # Errors
     /// [`Error::Solver`] when the simulation failed; the last good state stays and can be drawn.
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
-        match &mut self.actor {
-            Actor::Posed(_) => Ok(()),
-            Actor::Moving(motion) => motion.run(steps, progress),
+        let mut done = 0;
+        while done < steps {
+            let Actor::Moving(motion) = &mut self.actor else {
+                return Ok(());
+            };
+            let time = motion.time();
+            let pace = self.knives.iter().filter_map(|k| k.pace(time));
+            let some = match pace.min_by(f64::total_cmp) {
+                None => steps - done,
+                Some(pace) => ((pace / motion.dt).ceil() as u32).clamp(1, steps - done),
+            };
+            motion.run(some, &mut |n| progress(done + n))?;
+            done += some;
+            let time = motion.time();
+            let blades: Vec<Blade> = self
+                .knives
+                .iter_mut()
+                .filter_map(|k| k.swept(time))
+                .collect();
+            for blade in &blades {
+                self.cut(blade)?;
+            }
         }
+        Ok(())
     }
 
     /// Puts the nodes where the caller wants them, in file units.
@@ -220,8 +331,17 @@ impl Stage {
     pub fn image(&mut self) -> Result<Image> {
         self.notice_moves();
         match self.shown {
+            Shown::Inside(Mode::Composite) if !self.skins.is_empty() => {
+                let inside = Some(&mut self.raycaster);
+                let skins = &mut self.skins;
+                self.composer.image(skins, inside, &self.camera, self.size)
+            }
             Shown::Inside(mode) => self.raycaster.image(&self.camera, self.size, mode),
             Shown::Surface => self.surface.image(&self.camera, self.size),
+            Shown::Skin => {
+                let skins = &mut self.skins;
+                self.composer.image(skins, None, &self.camera, self.size)
+            }
         }
     }
 
@@ -233,15 +353,19 @@ impl Stage {
     pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
         self.notice_moves();
         let background = Some([0.0, 0.0, 0.0, 1.0]);
+        let target = Target {
+            colour,
+            occluder: None,
+            background,
+        };
+        let (camera, skins) = (&self.camera, &mut self.skins);
         match self.shown {
-            Shown::Inside(mode) => {
-                let target = Target {
-                    colour,
-                    occluder: None,
-                    background,
-                };
-                self.raycaster.record(work, &self.camera, mode, &target)
+            Shown::Skin => self.composer.record(work, skins, None, camera, &target),
+            Shown::Inside(Mode::Composite) if !skins.is_empty() => {
+                let inside = Some(&mut self.raycaster);
+                self.composer.record(work, skins, inside, camera, &target)
             }
+            Shown::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
             Shown::Surface => {
                 let depth = self.depth_for(colour);
                 let target = SurfaceTarget {
@@ -345,6 +469,28 @@ fn vector_field(name: &str, vectors: impl Iterator<Item = DVec3>) -> Field {
 }
 
 impl Scene {
+    /// What draws the inside of `mesh` and its boundary, its nodes standing where `nodes` has
+    /// them.
+    fn painters(
+        &self,
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        topology: &Topology,
+        seen: &Seen,
+        nodes: &Nodes,
+    ) -> Result<(Raycaster, Surface)> {
+        let (positions, frame) = (nodes.array(), nodes.frame());
+        let geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
+        let transfer = self.transfer()?;
+        let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
+            true => SurfaceColour::Field(transfer.clone()),
+            false => SurfaceColour::Plain(SKIN_COLOUR),
+        };
+        let surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
+        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, self.options()?)?;
+        Ok((raycaster, surface))
+    }
+
     fn transfer(&self) -> Result<TransferFunction> {
         match self.picture.transfer.as_deref() {
             None => TransferFunction::preset("tissue"),
@@ -375,8 +521,12 @@ impl Scene {
             None | Some("composite") => Ok(Shown::Inside(Mode::Composite)),
             Some("thickness") => Ok(Shown::Inside(Mode::Thickness)),
             Some("surface") => Ok(Shown::Surface),
+            Some("skin") if self.skin.is_empty() => Err(Error::Input(
+                "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),
+            )),
+            Some("skin") => Ok(Shown::Skin),
             Some(other) => Err(Error::Input(format!(
-                "mode \"{other}\" is not known; use composite, thickness or surface"
+                "mode \"{other}\" is not known; use composite, thickness, surface or skin"
             ))),
         }
     }

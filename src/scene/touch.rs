@@ -1,6 +1,7 @@
-//! A scene's grabs, as time goes on.
+//! A scene's grabs and cuts, as time goes on.
 
-use super::{GrabEntry, Mover};
+use super::{CutEntry, GrabEntry, Mover};
+use crate::mesh::Blade;
 use crate::physics::{GrabId, Grip};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -66,6 +67,85 @@ impl Hand {
         };
         body.set_target(grab, at + along(&self.entry.path, time))
     }
+}
+
+/// How often a cut is made on a blade's way.
+const CUTS: f64 = 16.0;
+
+/// A blade of a scene, on its way.
+#[derive(Debug)]
+pub(super) struct Knife {
+    entry: CutEntry,
+    /// The time up to which it has cut.
+    cut: Option<f64>,
+}
+
+impl Knife {
+    pub fn new(entry: &CutEntry) -> Result<Knife> {
+        check(&entry.path, 2, "cut")?;
+        let knife = Knife {
+            entry: entry.clone(),
+            cut: None,
+        };
+        // A blade that sweeps nothing is an error at once, not in the middle of a simulation.
+        let [begin, end] = knife.span();
+        Blade::swept(&[knife.edge(begin), knife.edge(end)])?;
+        Ok(knife)
+    }
+
+    fn span(&self) -> [f64; 2] {
+        let times = |p: Option<&[f64; 4]>| p.map_or(0.0, |p| p[0]);
+        [
+            times(self.entry.path.first()),
+            times(self.entry.path.last()),
+        ]
+    }
+
+    /// The time between two cuts, while it cuts at `time`; none before and after.
+    pub fn pace(&self, time: f64) -> Option<f64> {
+        let [begin, end] = self.span();
+        (self.cut.is_none_or(|cut| cut < end) && time <= end).then(|| {
+            let pace = (end - begin) / CUTS;
+            if time < begin {
+                pace.max(begin - time)
+            } else {
+                pace
+            }
+        })
+    }
+
+    /// What the blade has swept since the last time it was asked; none where that is nothing.
+    pub fn swept(&mut self, time: f64) -> Option<Blade> {
+        let [begin, end] = self.span();
+        let from = self.cut.unwrap_or(begin);
+        let to = time.min(end);
+        if to <= from {
+            return None;
+        }
+        self.cut = Some(to);
+        let path = self.entry.path.iter().map(|p| p[0]);
+        let between = path.filter(|t| *t > from && *t < to);
+        let times: Vec<f64> = [from].into_iter().chain(between).chain([to]).collect();
+        let edges: Vec<[DVec3; 2]> = times.iter().map(|t| self.edge(*t)).collect();
+        // A blade at rest sweeps nothing.
+        Blade::swept(&edges).ok()
+    }
+
+    fn edge(&self, time: f64) -> [DVec3; 2] {
+        let moved = along(&self.entry.path, time);
+        self.entry.edge.map(|end| DVec3::from(end) + moved)
+    }
+}
+
+fn check(path: &[[f64; 4]], least: usize, what: &str) -> Result<()> {
+    let ordered = path.windows(2).all(|w| w[0][0] < w[1][0]);
+    let finite = path.iter().flatten().all(|x| x.is_finite());
+    if path.len() < least || !ordered || !finite {
+        return Err(Error::Input(format!(
+            "the path of a {what} should be a list of at least {least} [time, x, y, z], the times increasing"
+        )));
+    }
+    Ok(())
 }
 
 /// Where a path is at `time`.
