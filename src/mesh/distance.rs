@@ -163,6 +163,15 @@ impl Tree {
     /// The number of the triangle nearest to `p`, and the weights of its corners at the nearest
     /// point; of several the one with the lowest number. None when there is no triangle.
     pub fn nearest(&self, p: DVec3) -> Option<(usize, [f64; 3])> {
+        self.nearest_of(p, |_| true)
+    }
+
+    /// As [`Tree::nearest`], of the triangles whose numbers `accept` takes.
+    pub fn nearest_of(
+        &self,
+        p: DVec3,
+        accept: impl Fn(usize) -> bool,
+    ) -> Option<(usize, [f64; 3])> {
         let mut best: Option<(f64, u32, [f64; 3])> = None;
         self.descend(p, |t| {
             let [a, b, c] = self.triangles[t];
@@ -171,7 +180,7 @@ impl Tree {
             let better = best.is_none_or(|(least, number, _)| {
                 distance < least || (distance == least && self.numbers[t] < number)
             });
-            if better {
+            if better && accept(self.numbers[t] as usize) {
                 best = Some((distance, self.numbers[t], w));
             }
             best.map_or(f64::INFINITY, |b| b.0)

@@ -1,6 +1,7 @@
 //! What carries a skin: positions on the GPU, base triangles, normals of the nodes.
 
-use super::binding::{Base, triangles_around};
+use super::binder::triangles_around;
+use super::binding::Base;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
 use crate::mesh::{LocalFrame, NO_NORMAL, TetMesh, Topology, pack_normal};
 use crate::physics::grid::GridBody;

@@ -1,16 +1,16 @@
 //! Drawing a skin where its nodes are now.
 
+use super::binder::on_node;
 use super::binding::{BindingReport, Mapping, bind};
 use super::carrier::Carrier;
-use super::map::Map;
 use super::report::SkinReport;
 use super::vertices::{Vertices, check};
 use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
-use crate::mesh::{SurfaceDescription, TriMesh};
+use crate::mesh::{Field, SurfaceDescription, TriMesh};
 use crate::reference::skin::{Bound, Placed};
 use crate::render::{
-    Camera, Image, LocalView, SurfaceTarget, TransferFunction, Window, attachment, averaged,
-    depth_target, draw_in_tiles,
+    Camera, Image, LocalView, SurfaceTarget, Window, attachment, averaged, depth_target,
+    draw_in_tiles,
 };
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
@@ -33,45 +33,34 @@ mod gpu_data {
     }
 }
 
-/// What colours a skin.
-#[derive(Clone, Debug, PartialEq)]
-pub enum SkinColour {
-    /// One colour: red, green, blue.
-    Plain([f32; 3]),
-    /// The transfer function's colour of a scalar of the vertices.
-    Field {
-        /// Name of the scalar.
-        name: String,
-        /// Its colours; a relative one runs over the scalar's range.
-        transfer: TransferFunction,
-    },
-}
-
 /// A surface carried by the nodes of a body.
 pub struct Skin {
-    gpu: Gpu,
-    carrier: Carrier,
-    vertices: Vertices,
-    bound: Vec<Bound>,
-    report: SkinReport,
-    scalars: Vec<crate::mesh::Field>,
-    records: Array,
+    pub(super) gpu: Gpu,
+    pub(super) carrier: Carrier,
+    pub(super) vertices: Vertices,
+    pub(super) bound: Vec<Bound>,
+    pub(super) report: SkinReport,
+    pub(super) scalars: Vec<Field>,
+    pub(super) mapping: Mapping,
+    /// Which triangles are drawn.
+    pub(super) shown: Vec<bool>,
+    pub(super) records: Array,
     uvs: Array,
-    colours: Array,
-    indices: wgpu::Buffer,
-    corners: u32,
-    opacity: f32,
-    normal_map: Option<wgpu::TextureView>,
-    height_map: Option<(wgpu::TextureView, f32)>,
+    pub(super) colours: Array,
+    pub(super) indices: wgpu::Buffer,
+    pub(super) corners: u32,
+    pub(super) opacity: f32,
+    pub(super) normal_map: Option<wgpu::TextureView>,
+    pub(super) height_map: Option<(wgpu::TextureView, f32)>,
     no_map: wgpu::TextureView,
     no_depth: wgpu::TextureView,
     sampler: wgpu::Sampler,
-    draws: HashMap<Variant, Draw>,
+    pub(super) draws: HashMap<Variant, Draw>,
 }
 
 /// What a prepared draw depends on.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Variant {
+pub(super) struct Variant {
     format: wgpu::TextureFormat,
     blended: bool,
     nearer: Option<wgpu::TextureView>,
@@ -111,11 +100,64 @@ impl Skin {
         let (bound, binding) = bind(&carrier.base(), &vertices, &carrier.frame, mapping)?;
         let description = SurfaceDescription::new(&surface);
         let report = SkinReport::new(&description, bound.len(), turned, binding);
-        let records: Vec<[u32; 4]> = bound
-            .iter()
-            .zip(&vertices.handedness)
-            .flat_map(|(b, handedness)| record(b, *handedness))
-            .collect();
+        Skin::assemble(
+            gpu,
+            carrier,
+            mapping,
+            vertices,
+            bound,
+            report,
+            surface.fields,
+        )
+    }
+
+    /// The body's own surface, or a part of it, drawn as it is: every vertex on its node. For a
+    /// body without a skin, and for the walls of cuts. `triangles` are of the carrier's nodes; all
+    /// base triangles when there are none.
+    ///
+    /// # Errors
+    /// As [`Skin::new`].
+    pub fn bare(gpu: &Gpu, carrier: &Carrier, triangles: Option<&[[u32; 3]]>) -> Result<Skin> {
+        let base = carrier.base();
+        let triangles = triangles.unwrap_or(base.triangles);
+        let place = |p: &DVec3| carrier.frame.to_file(p.as_vec3());
+        let surface = TriMesh {
+            vertices: base.nodes.iter().map(place).collect(),
+            triangles: triangles.to_vec(),
+            ..TriMesh::default()
+        };
+        check(&surface)?;
+        let vertices = Vertices::new(&surface)?;
+        // A triangle of each node, with the node first.
+        let mut own = vec![[0; 3]; surface.vertices.len()];
+        for t in triangles {
+            (0..3).for_each(|k| own[t[k] as usize] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]]);
+        }
+        let sources = vertices.sources.iter();
+        let bound: Vec<Bound> = sources.map(|v| on_node(own[*v as usize])).collect();
+        let report = SkinReport::new(
+            &SurfaceDescription::new(&surface),
+            bound.len(),
+            0,
+            BindingReport {
+                one_to_one: bound.len(),
+                ..BindingReport::default()
+            },
+        );
+        let mapping = Mapping::OneToOne;
+        Skin::assemble(gpu, carrier, mapping, vertices, bound, report, Vec::new())
+    }
+
+    fn assemble(
+        gpu: &Gpu,
+        carrier: &Carrier,
+        mapping: Mapping,
+        vertices: Vertices,
+        bound: Vec<Bound>,
+        report: SkinReport,
+        scalars: Vec<Field>,
+    ) -> Result<Skin> {
+        let records = records(&bound, &vertices);
         let uvs: Vec<[f32; 2]> = match vertices.uvs.is_empty() {
             true => vec![[0.0; 2]; bound.len()],
             false => vertices
@@ -152,7 +194,9 @@ impl Skin {
             )?,
             indices: gpu.buffer_of("skin triangles", indices)?,
             corners: indices.len() as u32,
-            scalars: surface.fields,
+            scalars,
+            mapping,
+            shown: vec![true; vertices.triangles.len()],
             vertices,
             bound,
             opacity: 1.0,
@@ -197,115 +241,6 @@ impl Skin {
         &self.carrier
     }
 
-    /// How much light it stops, from 0 (exclusive) to 1.
-    pub fn opacity(&self) -> f32 {
-        self.opacity
-    }
-
-    /// Colours it from now on.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a scalar that the surface does not have at its vertices, or one that
-    /// is not finite.
-    pub fn set_colour(&mut self, colour: &SkinColour) -> Result<()> {
-        let colours: Vec<[f32; 4]> = match colour {
-            SkinColour::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; self.bound.len()],
-            SkinColour::Field { name, transfer } => {
-                let values = self.scalar(name)?;
-                let ends = values
-                    .iter()
-                    .fold((f64::MAX, f64::MIN), |(a, b), s| (a.min(*s), b.max(*s)));
-                let resolved = transfer.resolved(ends, self.carrier.frame.scale);
-                let of = |v: &u32| {
-                    let [r, g, b] = resolved.colour(values[*v as usize]).map(|c| c as f32);
-                    [r, g, b, 1.0]
-                };
-                self.vertices.sources.iter().map(of).collect()
-            }
-        };
-        self.gpu.write_array(&self.colours, &colours)
-    }
-
-    fn scalar(&self, name: &str) -> Result<&[f64]> {
-        let at_vertices = |f: &&crate::mesh::Field| {
-            f.location == crate::mesh::Location::Node
-                && f.components == 1
-                && f.values.len() == self.report.vertices
-        };
-        let known: Vec<_> = self.scalars.iter().filter(at_vertices).collect();
-        let found = known.iter().find(|f| f.name == name);
-        match found {
-            Some(f) if f.values.iter().all(|s| s.is_finite()) => Ok(&f.values),
-            Some(_) => Err(Error::Input(format!(
-                "the skin's scalar \"{name}\" is not finite everywhere"
-            ))),
-            None => Err(Error::Input(format!(
-                "the skin has no scalar \"{name}\" at its vertices; it has: {}",
-                known
-                    .iter()
-                    .map(|f| f.name.as_str())
-                    .collect::<Vec<_>>()
-                    .join(", ")
-            ))),
-        }
-    }
-
-    /// Makes it let light through from now on: it stops the share `opacity` of it.
-    ///
-    /// # Errors
-    /// [`Error::Input`] unless 0 < opacity ≤ 1.
-    pub fn set_opacity(&mut self, opacity: f32) -> Result<()> {
-        if !(opacity > 0.0 && opacity <= 1.0) {
-            return Err(Error::Input(format!(
-                "an opacity of {opacity}; it must be above 0 and at most 1"
-            )));
-        }
-        self.opacity = opacity;
-        Ok(())
-    }
-
-    /// Lights it by a tangent-space normal map from now on, or by none.
-    ///
-    /// # Errors
-    /// [`Error::Input`] when the surface has no texture coordinates, or the map no texels.
-    pub fn set_normal_map(&mut self, map: Option<&Map>) -> Result<()> {
-        self.normal_map = match map {
-            None => None,
-            Some(map) => Some(self.upload(map)?),
-        };
-        self.draws.clear();
-        Ok(())
-    }
-
-    /// Sinks its texture by a height map from now on (parallax), or by none. `relief` is how deep
-    /// the map goes, in texture units.
-    ///
-    /// # Errors
-    /// As [`Skin::set_normal_map`]; and for a relief that is negative or not finite.
-    pub fn set_height_map(&mut self, map: Option<(&Map, f32)>) -> Result<()> {
-        self.height_map = match map {
-            None => None,
-            Some((_, relief)) if !(relief >= 0.0 && relief.is_finite()) => {
-                return Err(Error::Input(format!(
-                    "a relief of {relief}; it must be 0 or more, in texture units"
-                )));
-            }
-            Some((map, relief)) => Some((self.upload(map)?, relief)),
-        };
-        self.draws.clear();
-        Ok(())
-    }
-
-    fn upload(&self, map: &Map) -> Result<wgpu::TextureView> {
-        if self.vertices.uvs.is_empty() {
-            return Err(Error::Input(
-                "a map needs texture coordinates, and the skin has none; an OBJ file can have them"
-                    .into(),
-            ));
-        }
-        map.upload(&self.gpu)
-    }
-
     /// Draws only the triangles for which `shown` (one a triangle of the surface) is true from now
     /// on; for holes that open while running.
     ///
@@ -319,6 +254,7 @@ impl Skin {
                 self.vertices.triangles.len()
             )));
         }
+        self.shown.copy_from_slice(shown);
         let triangles = self.vertices.triangles.iter().zip(shown);
         let kept: Vec<u32> = triangles
             .filter(|(_, shown)| **shown)
@@ -443,6 +379,11 @@ impl Skin {
         Ok(())
     }
 
+    /// Which triangles of the surface are drawn.
+    pub fn shown(&self) -> &[bool] {
+        &self.shown
+    }
+
     fn draw(&self, variant: &Variant, params: &gpu_data::SkinParams) -> Result<Draw> {
         let flag = |on: bool| f64::from(u8::from(on));
         let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
@@ -515,6 +456,13 @@ impl Skin {
         }
         Ok(vertices)
     }
+}
+
+/// The texels of all vertices, four each.
+pub(super) fn records(bound: &[Bound], vertices: &Vertices) -> Vec<[u32; 4]> {
+    let all = bound.iter().zip(&vertices.handedness);
+    all.flat_map(|(b, handedness)| record(b, *handedness))
+        .collect()
 }
 
 /// The four texels of a vertex, see `lib/skin.wgsl`.

@@ -6,10 +6,13 @@
 //! Nothing is read back, and what a vertex is made of never changes.
 
 mod bake;
+mod binder;
 mod binding;
 mod carrier;
 mod composer;
+mod cut;
 mod draw;
+mod look;
 mod map;
 mod report;
 mod vertices;
@@ -18,7 +21,9 @@ pub use bake::{BakeReport, bake};
 pub use binding::{Base, BindingReport, Mapping, bind};
 pub use carrier::Carrier;
 pub use composer::{ComposeOptions, Composer};
-pub use draw::{Skin, SkinColour};
+pub use cut::SkinCut;
+pub use draw::Skin;
+pub use look::SkinColour;
 pub use map::Map;
 pub use report::SkinReport;
 pub use vertices::Vertices;

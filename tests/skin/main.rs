@@ -3,6 +3,7 @@
 
 mod bake;
 mod common;
+mod cuts;
 mod mapping;
 mod pictures;
 mod twin;

@@ -1,0 +1,411 @@
+//! One vertex and its base triangle: where it is tied, and in which basis.
+
+use super::binding::{Base, Mapping};
+use super::vertices::Vertices;
+use crate::mesh::{LocalFrame, Tree, unpack_normal};
+use crate::reference::skin::{Bound, basis, place, summed_normal};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Triangles whose corners all have a smaller sine are flat: their normals would be noise.
+const FLAT_SINE: f64 = 1e-2;
+/// Sums of normals shorter than this, or with a smaller sine to the edge, are not relied on.
+const WEAK: f64 = 0.1;
+/// Auto: offsets up to this share of the triangle's longest edge look the same either way.
+const SHORT: f64 = 0.02;
+/// Auto: so do longer ones where the reference point is nearer to a node than this share.
+const NEAR: f64 = 0.05;
+/// The normal-only mapping may use weights this far below 0, beyond the rim of a sheet.
+const BEYOND: f64 = 0.5;
+/// Weights this far below 0 are on the rim.
+const ON_RIM: f64 = 1e-9;
+/// Feet of normals this many times farther than the nearest point are not the vertex's own.
+const FAR_FOOT: f64 = 3.0;
+/// Distances below this, in local units, are none in single precision.
+const EXACT: f64 = 1e-6;
+
+/// Which triangles a vertex may be tied to, by their nodes.
+pub(super) type Accept<'a> = &'a dyn Fn([u32; 3]) -> bool;
+
+/// How a vertex was bound in the end.
+pub(super) enum Kind {
+    OneToOne,
+    Constant,
+    Interpolated,
+    NormalOnly,
+    Fallback,
+}
+
+/// A vertex to be bound, in the local frame.
+pub(super) struct Vertex {
+    position: DVec3,
+    normal: DVec3,
+    tangent: DVec3,
+}
+
+impl Vertex {
+    /// Vertex `v` of `vertices`, in `frame`.
+    pub fn new(vertices: &Vertices, v: usize, frame: &LocalFrame) -> Vertex {
+        Vertex {
+            position: (vertices.positions[v] - frame.origin) / frame.scale,
+            normal: vertices.normals[v],
+            tangent: vertices.tangents[v],
+        }
+    }
+}
+
+/// A place on a base triangle: its nodes, the edge of T first, and the weights of each.
+#[derive(Clone, Copy)]
+pub(super) struct Seat {
+    pub nodes: [u32; 3],
+    pub weights: [f64; 3],
+}
+
+impl Seat {
+    /// The same place, with the nearest edge as T. Both triangles at an edge then turn alike there,
+    /// however they are sheared: the interpolated basis has no jump at borders.
+    fn at_edge(self) -> Seat {
+        let w = self.weights;
+        let third = (0..3).min_by(|a, b| w[*a].total_cmp(&w[*b])).unwrap_or(2);
+        let order = [1, 2, 3].map(|k| (third + k) % 3);
+        Seat {
+            nodes: order.map(|k| self.nodes[k]),
+            weights: order.map(|k| w[k]),
+        }
+    }
+}
+
+/// The base triangles, to be searched.
+pub(super) struct Binder<'a> {
+    nodes: &'a [DVec3],
+    normals: Vec<Option<DVec3>>,
+    /// Those that have a plane; the corner nearest to a right angle first.
+    triangles: Vec<[u32; 3]>,
+    tree: Tree,
+    /// The nodes of the triangles as triangles without extent, and for each a triangle that has
+    /// it, and as which corner; made for the one-to-one mapping.
+    corner_tree: Option<(Tree, Vec<(usize, usize)>)>,
+    /// Where each node's triangles begin in the list of them, and the list.
+    around: (Vec<u32>, Vec<u32>),
+}
+
+impl<'a> Binder<'a> {
+    /// Prepares `base`, for `mapping`.
+    ///
+    /// # Errors
+    /// As [`bind`](super::bind()).
+    pub fn new(base: &'a Base, mapping: Mapping) -> Result<Binder<'a>> {
+        let count = base.nodes.len();
+        if base.normals.len() != count {
+            return Err(Error::Input(format!(
+                "{} normals given for the {count} nodes that carry a skin",
+                base.normals.len()
+            )));
+        }
+        if let Some(bad) = base
+            .triangles
+            .iter()
+            .flatten()
+            .find(|v| **v as usize >= count)
+        {
+            return Err(Error::Input(format!(
+                "a base triangle names node {bad}, but there are {count}, counted from 0"
+            )));
+        }
+        if let Some(bad) = base.nodes.iter().position(|p| !p.is_finite()) {
+            return Err(Error::Input(format!(
+                "node {bad} of the body that carries a skin lies nowhere"
+            )));
+        }
+        let corners = |t: &[u32; 3]| t.map(|v| base.nodes[v as usize]);
+        let triangles: Vec<[u32; 3]> = base
+            .triangles
+            .iter()
+            .filter_map(|t| {
+                let sines = [0, 1, 2].map(|k| sine(corners(t), k));
+                let best = (0..3).max_by(|a, b| sines[*a].total_cmp(&sines[*b]))?;
+                (sines[best] > FLAT_SINE).then(|| [0, 1, 2].map(|k| t[(best + k) % 3]))
+            })
+            .collect();
+        if triangles.is_empty() {
+            return Err(Error::Input(format!(
+                "none of the {} base triangles has a plane, so nothing can be bound to them",
+                base.triangles.len()
+            )));
+        }
+        Ok(Binder {
+            nodes: base.nodes,
+            normals: base.normals.iter().map(|n| unpack_normal(*n)).collect(),
+            tree: Tree::new(triangles.iter().map(corners).collect()),
+            corner_tree: (mapping == Mapping::OneToOne).then(|| {
+                let mut owners: Vec<(usize, usize)> = (0..triangles.len())
+                    .flat_map(|t| [(t, 0), (t, 1), (t, 2)])
+                    .collect();
+                let node = |(t, k): (usize, usize)| triangles[t][k];
+                owners.sort_by_key(|o| (node(*o), *o));
+                owners.dedup_by_key(|o| node(*o));
+                let points = owners.iter().map(|o| [base.nodes[node(*o) as usize]; 3]);
+                (Tree::new(points.collect()), owners)
+            }),
+            around: triangles_around(&triangles, count),
+            triangles,
+        })
+    }
+
+    /// Number of base triangles that have a plane.
+    pub fn count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// Ties `vertex` to the nearest triangle that `accept` takes; to the nearest of all when it
+    /// takes none.
+    pub fn bind(&self, vertex: &Vertex, mapping: Mapping, accept: Accept) -> (Bound, Kind) {
+        let nearest = self
+            .tree
+            .nearest_of(vertex.position, |t| accept(self.triangles[t]))
+            .or_else(|| self.tree.nearest(vertex.position));
+        // There is a triangle: `new` has seen to it.
+        let (t, weights) = nearest.unwrap_or_default();
+        let seat = Seat {
+            nodes: self.triangles[t],
+            weights,
+        };
+        let constant = |kind| (self.tie(vertex, seat, false), kind);
+        let interpolated = |seat| (self.tie(vertex, seat, true), Kind::Interpolated);
+        match mapping {
+            Mapping::OneToOne => (self.on_node(vertex, t, accept), Kind::OneToOne),
+            Mapping::Constant => constant(Kind::Constant),
+            Mapping::Interpolated => self
+                .smooth_seat(vertex, t, seat, accept)
+                .map_or_else(|| constant(Kind::Fallback), interpolated),
+            Mapping::Auto if self.looks_away(seat) => constant(Kind::Fallback),
+            Mapping::Auto if self.is_unseen(vertex, seat) => constant(Kind::Constant),
+            Mapping::Auto => self
+                .smooth_seat(vertex, t, seat, accept)
+                .filter(|seat| !self.looks_away(*seat))
+                .map_or_else(|| constant(Kind::Fallback), interpolated),
+            Mapping::NormalOnly => self.along_normal(vertex, t, accept).map_or_else(
+                || constant(Kind::Fallback),
+                |bound| (bound, Kind::NormalOnly),
+            ),
+        }
+    }
+
+    fn corners(&self, nodes: [u32; 3]) -> [DVec3; 3] {
+        nodes.map(|v| self.nodes[v as usize])
+    }
+
+    fn corner_normals(&self, nodes: [u32; 3]) -> [Option<DVec3>; 3] {
+        nodes.map(|v| self.normals[v as usize])
+    }
+
+    /// Whether the interpolated basis is well defined there.
+    pub fn is_smooth(&self, seat: Seat) -> bool {
+        let [a, b, _] = self.corners(seat.nodes);
+        let tangent = (b - a).normalize_or_zero();
+        let sum = summed_normal(seat.weights, self.corner_normals(seat.nodes));
+        sum.length() > WEAK && sum.cross(tangent).length() > WEAK * sum.length()
+    }
+
+    /// Whether a node of the triangle has no normal, or one turned away from it.
+    fn looks_away(&self, seat: Seat) -> bool {
+        let [a, b, c] = self.corners(seat.nodes);
+        let normal = (b - a).cross(c - a);
+        self.corner_normals(seat.nodes)
+            .iter()
+            .any(|n| n.is_none_or(|n| n.dot(normal) <= 0.0))
+    }
+
+    /// Whether nobody would see the difference between the two bases: the paper's own economy.
+    fn is_unseen(&self, vertex: &Vertex, seat: Seat) -> bool {
+        let p = self.corners(seat.nodes);
+        let edge = [0, 1, 2]
+            .map(|k| p[k].distance(p[(k + 1) % 3]))
+            .into_iter()
+            .fold(0.0, f64::max);
+        let point = combined(seat.weights, p);
+        let offset = vertex.position.distance(point);
+        let near_node = p.iter().any(|q| q.distance(point) <= NEAR * edge);
+        offset <= SHORT * edge || (near_node && offset <= 2.0 * SHORT * edge)
+    }
+
+    /// Expresses `vertex` in a basis at `seat`, with the numbers that the GPU will have.
+    pub fn tie(&self, vertex: &Vertex, seat: Seat, interpolated: bool) -> Bound {
+        let weights = rounded(seat.weights);
+        let p = self.corners(seat.nodes);
+        let normal = summed_normal(weights, self.corner_normals(seat.nodes));
+        let frame = basis(interpolated, p, normal).transpose();
+        Bound {
+            nodes: seat.nodes,
+            interpolated,
+            weights,
+            offset: frame * (vertex.position - combined(weights, p)),
+            normal: frame * vertex.normal,
+            tangent: frame * vertex.tangent,
+        }
+    }
+
+    /// Puts `vertex` on the nearest node of the base: an interpolated basis at that corner of one
+    /// of its triangles, and no offset. Its normal is the node's.
+    fn on_node(&self, vertex: &Vertex, t: usize, accept: Accept) -> Bound {
+        let own = match &self.corner_tree {
+            Some((tree, owners)) => tree
+                .nearest_of(vertex.position, |i| accept(self.triangles[owners[i].0]))
+                .map(|(i, _)| owners[i]),
+            None => None,
+        };
+        let (own, first) = own.unwrap_or((t, 0));
+        let nodes = [0, 1, 2].map(|k| self.triangles[own][(first + k) % 3]);
+        on_node(nodes)
+    }
+
+    fn around(&self, node: u32) -> impl Iterator<Item = usize> {
+        let (firsts, list) = &self.around;
+        let range = firsts[node as usize] as usize..firsts[node as usize + 1] as usize;
+        list[range].iter().map(|t| *t as usize)
+    }
+
+    /// Finds the point of triangle `t` or of one around it whose interpolated normal meets
+    /// `vertex`; weights may lie so far `beyond` 0.
+    fn normal_foot(&self, vertex: &Vertex, t: usize, beyond: f64, accept: Accept) -> Option<Seat> {
+        let mut candidates: Vec<usize> = self.triangles[t]
+            .iter()
+            .flat_map(|v| self.around(*v))
+            .filter(|t| accept(self.triangles[*t]))
+            .collect();
+        candidates.sort_unstable();
+        candidates.dedup();
+        let found = |t: usize| {
+            let nodes = self.triangles[t];
+            let [a, b, c] = self.corner_normals(nodes);
+            let (weights, height) = foot(vertex.position, self.corners(nodes), [a?, b?, c?])?;
+            let outside = weights.iter().fold(ON_RIM, |m, w| m.max(-w));
+            let seat = Seat { nodes, weights }.at_edge();
+            let fits = outside <= beyond && self.is_smooth(seat);
+            fits.then_some((outside, height.abs(), seat))
+        };
+        candidates
+            .into_iter()
+            .filter_map(found)
+            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)))
+            .map(|(_, _, seat)| seat)
+    }
+
+    /// Ties `vertex` to the interpolated normal that meets it, with no offset across it.
+    fn along_normal(&self, vertex: &Vertex, t: usize, accept: Accept) -> Option<Bound> {
+        let seat = self.normal_foot(vertex, t, BEYOND, accept)?;
+        let mut bound = self.tie(vertex, seat, true);
+        bound.offset = DVec3::new(0.0, bound.offset.y, 0.0);
+        // What is left over lies across the normal: there is none if the foot is right.
+        let back = place(&bound, self.nodes, &self.normals).position;
+        (back.distance(vertex.position) < EXACT).then_some(bound)
+    }
+
+    /// Where `vertex` is tied in an interpolated basis: where an interpolated normal meets it, so
+    /// that the offset has no part that base triangles turn differently, else the nearest point.
+    fn smooth_seat(
+        &self,
+        vertex: &Vertex,
+        t: usize,
+        nearest: Seat,
+        accept: Accept,
+    ) -> Option<Seat> {
+        let distance = vertex
+            .position
+            .distance(combined(nearest.weights, self.corners(nearest.nodes)));
+        let near = |seat: &Seat| {
+            let foot = combined(seat.weights, self.corners(seat.nodes));
+            vertex.position.distance(foot) <= FAR_FOOT * distance + EXACT
+        };
+        self.normal_foot(vertex, t, ON_RIM, accept)
+            .filter(near)
+            .or_else(|| Some(nearest.at_edge()).filter(|seat| self.is_smooth(*seat)))
+    }
+}
+
+/// A vertex on the first of `nodes`, with that node's normal.
+pub(super) fn on_node(nodes: [u32; 3]) -> Bound {
+    Bound {
+        nodes,
+        interpolated: true,
+        weights: [1.0, 0.0, 0.0],
+        offset: DVec3::ZERO,
+        normal: DVec3::Y,
+        tangent: DVec3::X,
+    }
+}
+
+/// Weights (of sum 1) and height with Σ wᵢ (pᵢ + h nᵢ) = v: the triangle raised along its
+/// corners' normals by h holds v. By Newton's method on the volume of the raised triangle and v,
+/// a cubic in h.
+fn foot(v: DVec3, p: [DVec3; 3], n: [DVec3; 3]) -> Option<([f64; 3], f64)> {
+    let volume = |a: DVec3, b: DVec3, c: DVec3| a.cross(b).dot(c);
+    let [a, b, c] = p.map(|p| p - v);
+    let cubic = [
+        volume(a, b, c),
+        volume(n[0], b, c) + volume(a, n[1], c) + volume(a, b, n[2]),
+        volume(n[0], n[1], c) + volume(n[0], b, n[2]) + volume(a, n[1], n[2]),
+        volume(n[0], n[1], n[2]),
+    ];
+    let plane = (p[1] - p[0]).cross(p[2] - p[0]).try_normalize()?;
+    let mut h = (v - p[0]).dot(plane);
+    for _ in 0..40 {
+        let value = ((cubic[3] * h + cubic[2]) * h + cubic[1]) * h + cubic[0];
+        let slope = (3.0 * cubic[3] * h + 2.0 * cubic[2]) * h + cubic[1];
+        let step = value / slope;
+        h -= step;
+        if !h.is_finite() {
+            return None;
+        }
+        if step.abs() < 1e-15 {
+            break;
+        }
+    }
+    let [a, b, c] = [a + h * n[0], b + h * n[1], c + h * n[2]];
+    let normal = (b - a).cross(c - a);
+    let shares = [(b, c), (c, a), (a, b)].map(|(x, y)| x.cross(y).dot(normal));
+    let sum: f64 = shares.iter().sum();
+    let weights = shares.map(|s| s / sum);
+    weights
+        .iter()
+        .all(|w| w.is_finite())
+        .then_some((weights, h))
+}
+
+fn combined(w: [f64; 3], p: [DVec3; 3]) -> DVec3 {
+    w[0] * p[0] + w[1] * p[1] + w[2] * p[2]
+}
+
+/// The weights as the GPU has them: the last two in single precision, the first from them.
+fn rounded([_, second, third]: [f64; 3]) -> [f64; 3] {
+    let (second, third) = (second as f32, third as f32);
+    [1.0 - second - third, second, third].map(f64::from)
+}
+
+/// The sine of the angle at corner `k`; 0 where two corners coincide.
+fn sine(p: [DVec3; 3], k: usize) -> f64 {
+    let [a, b, c] = [0, 1, 2].map(|i| p[(k + i) % 3]);
+    let (ab, ac) = ((b - a).normalize_or_zero(), (c - a).normalize_or_zero());
+    ab.cross(ac).length()
+}
+
+/// For each node where its triangles begin in the list of them, one entry more at the end; and
+/// the list.
+pub(super) fn triangles_around(triangles: &[[u32; 3]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut firsts = vec![0u32; nodes + 1];
+    for v in triangles.iter().flatten() {
+        firsts[*v as usize + 1] += 1;
+    }
+    for v in 0..nodes {
+        firsts[v + 1] += firsts[v];
+    }
+    let mut next = firsts.clone();
+    let mut around = vec![0; 3 * triangles.len()];
+    for (t, triangle) in triangles.iter().enumerate() {
+        for v in triangle {
+            around[next[*v as usize] as usize] = t as u32;
+            next[*v as usize] += 1;
+        }
+    }
+    (firsts, around)
+}

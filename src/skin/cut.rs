@@ -1,0 +1,152 @@
+//! Skins that open where their body was cut.
+
+use super::binder::{Binder, Seat, Vertex};
+use super::binding::Mapping;
+use super::carrier::Carrier;
+use super::draw::{Skin, records};
+use crate::mesh::Blade;
+use crate::reference::skin::Bound;
+use crate::{Error, Result};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// What a cut changed in a skin.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SkinCut {
+    /// Vertices that were bound anew: their triangle or its normals have changed.
+    pub rebound: usize,
+    /// Triangles across the cut, which are not drawn any more.
+    pub hidden: usize,
+    /// Base triangles that were not there before: the walls of the cut, in the nodes of the new
+    /// carrier. [`Skin::bare`] draws them.
+    pub laid_bare: Vec<[u32; 3]>,
+}
+
+/// Where a triangle's corners are at rest, whatever their order.
+type Key = [[u64; 3]; 3];
+
+impl Skin {
+    /// Follows its body, which `blade` (file units) has cut where it stands now: goes over to
+    /// `carrier`, made of the body as it is after the cut. Vertices keep their base triangles
+    /// where these are left, on whichever side; the others find the nearest that the blade does
+    /// not part from them. Triangles across the cut are hidden: those whose corners' base
+    /// triangles have come apart. Waits and reads back, as the cut itself does.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a carrier of another local frame or without base triangles.
+    pub fn follow_cut(&mut self, carrier: &Carrier, blade: &Blade) -> Result<SkinCut> {
+        if carrier.frame != self.carrier.frame {
+            return Err(Error::Input(
+                "a skin goes over to its own body after a cut, in the same local frame".into(),
+            ));
+        }
+        // The arrays that the skin was carried by still have the places before the cut.
+        let placed = self.placed()?;
+        let positions: Vec<[f32; 4]> = self.gpu.read_array(&carrier.positions)?;
+        let place = |p: &[f32; 4]| carrier.frame.to_file(Vec3::new(p[0], p[1], p[2]));
+        let nodes: Vec<DVec3> = positions.iter().map(place).collect();
+        let (old, new) = (self.carrier.base(), carrier.base());
+        let key = |rest: &[DVec3], t: [u32; 3]| -> Key {
+            let mut key = t.map(|v| bits(rest[v as usize]));
+            key.sort_unstable();
+            key
+        };
+        let before: HashMap<Key, [u32; 3]> = keyed(old.triangles, |t| key(old.nodes, t));
+        let after: HashMap<Key, [u32; 3]> = keyed(new.triangles, |t| key(new.nodes, t));
+        let binder = Binder::new(&new, self.mapping)?;
+        let follow = |v: usize| -> (Bound, Change) {
+            let bound = self.bound[v];
+            let vertex = Vertex::new(&self.vertices, v, &carrier.frame);
+            let Some(left) = after.get(&key(old.nodes, bound.nodes)) else {
+                let parted = |n: u32| blade.parts(placed[v].position, nodes[n as usize]);
+                let accept = |t: [u32; 3]| !t.into_iter().any(parted);
+                return (binder.bind(&vertex, self.mapping, &accept).0, Change::Moved);
+            };
+            let same = |n: u32| {
+                let at = bits(old.nodes[n as usize]);
+                let found = left.iter().find(|m| bits(new.nodes[**m as usize]) == at);
+                found.copied().unwrap_or(n)
+            };
+            let seat = Seat {
+                nodes: bound.nodes.map(same),
+                weights: bound.weights,
+            };
+            let normal = |list: &[u32], n: u32| list[n as usize];
+            let turned = (0..3)
+                .any(|k| normal(old.normals, bound.nodes[k]) != normal(new.normals, seat.nodes[k]));
+            let nodes = seat.nodes;
+            match turned && bound.interpolated && self.mapping != Mapping::OneToOne {
+                true => {
+                    let smooth = binder.is_smooth(seat);
+                    (binder.tie(&vertex, seat, smooth), Change::Turned)
+                }
+                false => (Bound { nodes, ..bound }, Change::None),
+            }
+        };
+        let followed: Vec<(Bound, Change)> =
+            (0..self.bound.len()).into_par_iter().map(follow).collect();
+        let apart = |v: u32, w: u32| {
+            let (v, w) = (v as usize, w as usize);
+            let moved = [v, w].iter().any(|v| followed[*v].1 == Change::Moved);
+            let shared: Vec<(u32, u32)> = (0..9)
+                .map(|k| (k / 3, k % 3))
+                .filter(|(i, j)| self.bound[v].nodes[*i] == self.bound[w].nodes[*j])
+                .map(|(i, j)| (followed[v].0.nodes[i], followed[w].0.nodes[j]))
+                .collect();
+            match moved || shared.is_empty() {
+                true => blade.parts(placed[v].position, placed[w].position),
+                false => shared.iter().any(|(a, b)| a != b),
+            }
+        };
+        let shown: Vec<bool> = self
+            .vertices
+            .triangles
+            .par_iter()
+            .zip(&self.shown)
+            .map(|([a, b, c], shown)| *shown && !(apart(*a, *b) || apart(*b, *c) || apart(*c, *a)))
+            .collect();
+        let cut = SkinCut {
+            rebound: followed.iter().filter(|f| f.1 != Change::None).count(),
+            hidden: self
+                .shown
+                .iter()
+                .zip(&shown)
+                .filter(|(a, b)| a != b)
+                .count(),
+            laid_bare: new
+                .triangles
+                .iter()
+                .filter(|t| !before.contains_key(&key(new.nodes, **t)))
+                .copied()
+                .collect(),
+        };
+        self.bound = followed.into_iter().map(|f| f.0).collect();
+        let records = records(&self.bound, &self.vertices);
+        self.gpu.write_array(&self.records, &records)?;
+        self.carrier = carrier.clone();
+        self.draws.clear();
+        self.show_triangles(&shown)?;
+        Ok(cut)
+    }
+}
+
+/// What became of a vertex.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Change {
+    /// Nothing but the numbers of its nodes.
+    None,
+    /// The normals of its nodes.
+    Turned,
+    /// It is on another base triangle.
+    Moved,
+}
+
+/// A place, exactly; −0 is 0.
+fn bits(p: DVec3) -> [u64; 3] {
+    (p + DVec3::ZERO).to_array().map(f64::to_bits)
+}
+
+fn keyed(triangles: &[[u32; 3]], key: impl Fn([u32; 3]) -> Key) -> HashMap<Key, [u32; 3]> {
+    triangles.iter().map(|t| (key(*t), *t)).collect()
+}

@@ -1,0 +1,132 @@
+//! What a skin looks like: colours, opacity, maps.
+
+use super::draw::Skin;
+use super::map::Map;
+use crate::mesh::{Field, Location};
+use crate::render::TransferFunction;
+use crate::{Error, Result};
+
+/// What colours a skin.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SkinColour {
+    /// One colour: red, green, blue.
+    Plain([f32; 3]),
+    /// The transfer function's colour of a scalar of the vertices.
+    Field {
+        /// Name of the scalar.
+        name: String,
+        /// Its colours; a relative one runs over the scalar's range.
+        transfer: TransferFunction,
+    },
+}
+
+impl Skin {
+    /// How much light it stops, from 0 (exclusive) to 1.
+    pub fn opacity(&self) -> f32 {
+        self.opacity
+    }
+
+    /// Colours it from now on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scalar that the surface does not have at its vertices, or one that
+    /// is not finite.
+    pub fn set_colour(&mut self, colour: &SkinColour) -> Result<()> {
+        let colours: Vec<[f32; 4]> = match colour {
+            SkinColour::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; self.bound.len()],
+            SkinColour::Field { name, transfer } => {
+                let values = self.scalar(name)?;
+                let ends = values
+                    .iter()
+                    .fold((f64::MAX, f64::MIN), |(a, b), s| (a.min(*s), b.max(*s)));
+                let resolved = transfer.resolved(ends, self.carrier.frame.scale);
+                let of = |v: &u32| {
+                    let [r, g, b] = resolved.colour(values[*v as usize]).map(|c| c as f32);
+                    [r, g, b, 1.0]
+                };
+                self.vertices.sources.iter().map(of).collect()
+            }
+        };
+        self.gpu.write_array(&self.colours, &colours)
+    }
+
+    fn scalar(&self, name: &str) -> Result<&[f64]> {
+        let at_vertices = |f: &&Field| {
+            f.location == Location::Node
+                && f.components == 1
+                && f.values.len() == self.report.vertices
+        };
+        let known: Vec<_> = self.scalars.iter().filter(at_vertices).collect();
+        let found = known.iter().find(|f| f.name == name);
+        match found {
+            Some(f) if f.values.iter().all(|s| s.is_finite()) => Ok(&f.values),
+            Some(_) => Err(Error::Input(format!(
+                "the skin's scalar \"{name}\" is not finite everywhere"
+            ))),
+            None => Err(Error::Input(format!(
+                "the skin has no scalar \"{name}\" at its vertices; it has: {}",
+                known
+                    .iter()
+                    .map(|f| f.name.as_str())
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ))),
+        }
+    }
+
+    /// Makes it let light through from now on: it stops the share `opacity` of it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] unless 0 < opacity ≤ 1.
+    pub fn set_opacity(&mut self, opacity: f32) -> Result<()> {
+        if !(opacity > 0.0 && opacity <= 1.0) {
+            return Err(Error::Input(format!(
+                "an opacity of {opacity}; it must be above 0 and at most 1"
+            )));
+        }
+        self.opacity = opacity;
+        Ok(())
+    }
+
+    /// Lights it by a tangent-space normal map from now on, or by none.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the surface has no texture coordinates, or the map no texels.
+    pub fn set_normal_map(&mut self, map: Option<&Map>) -> Result<()> {
+        self.normal_map = match map {
+            None => None,
+            Some(map) => Some(self.upload(map)?),
+        };
+        self.draws.clear();
+        Ok(())
+    }
+
+    /// Sinks its texture by a height map from now on (parallax), or by none. `relief` is how deep
+    /// the map goes, in texture units.
+    ///
+    /// # Errors
+    /// As [`Skin::set_normal_map`]; and for a relief that is negative or not finite.
+    pub fn set_height_map(&mut self, map: Option<(&Map, f32)>) -> Result<()> {
+        self.height_map = match map {
+            None => None,
+            Some((_, relief)) if !(relief >= 0.0 && relief.is_finite()) => {
+                return Err(Error::Input(format!(
+                    "a relief of {relief}; it must be 0 or more, in texture units"
+                )));
+            }
+            Some((map, relief)) => Some((self.upload(map)?, relief)),
+        };
+        self.draws.clear();
+        Ok(())
+    }
+
+    fn upload(&self, map: &Map) -> Result<wgpu::TextureView> {
+        if self.vertices.uvs.is_empty() {
+            return Err(Error::Input(
+                "a map needs texture coordinates, and the skin has none; an OBJ file can have them"
+                    .into(),
+            ));
+        }
+        map.upload(&self.gpu)
+    }
+}
