@@ -18,6 +18,7 @@ mod repair;
 mod smooth;
 mod surface_shape;
 mod topology;
+mod transfer;
 mod tri_mesh;
 
 pub use blade::Blade;
@@ -38,6 +39,7 @@ pub use quality::{
 pub use repair::Repairs;
 pub use surface_shape::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
+pub use transfer::Transfer;
 pub use tri_mesh::{NORMAL, TriMesh, UV};
 
 use crate::{Error, Result};

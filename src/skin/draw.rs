@@ -3,6 +3,7 @@
 use super::binder::on_node;
 use super::binding::{BindingReport, Mapping, bind};
 use super::carrier::Carrier;
+use super::levels::Level;
 use super::report::SkinReport;
 use super::vertices::{Vertices, check};
 use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
@@ -44,6 +45,11 @@ pub struct Skin {
     pub(super) mapping: Mapping,
     /// Which triangles are drawn.
     pub(super) shown: Vec<bool>,
+    /// Whether it is a body's own surface.
+    pub(super) is_bare: bool,
+    /// What carries it at other levels; none in the place of the level in use.
+    pub(super) levels: Vec<Option<Level>>,
+    pub(super) level: usize,
     pub(super) records: Array,
     uvs: Array,
     pub(super) colours: Array,
@@ -145,7 +151,11 @@ impl Skin {
             },
         );
         let mapping = Mapping::OneToOne;
-        Skin::assemble(gpu, carrier, mapping, vertices, bound, report, Vec::new())
+        let bare = Skin::assemble(gpu, carrier, mapping, vertices, bound, report, Vec::new())?;
+        Ok(Skin {
+            is_bare: true,
+            ..bare
+        })
     }
 
     fn assemble(
@@ -196,6 +206,9 @@ impl Skin {
             corners: indices.len() as u32,
             scalars,
             mapping,
+            is_bare: false,
+            levels: vec![None],
+            level: 0,
             shown: vec![true; vertices.triangles.len()],
             vertices,
             bound,

@@ -12,6 +12,7 @@ mod carrier;
 mod composer;
 mod cut;
 mod draw;
+mod levels;
 mod look;
 mod map;
 mod report;

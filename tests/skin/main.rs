@@ -4,6 +4,7 @@
 mod bake;
 mod common;
 mod cuts;
+mod levels;
 mod mapping;
 mod pictures;
 mod twin;

@@ -1,0 +1,155 @@
+//! Values at the nodes of one mesh carried over to points of another.
+
+use super::{TetMesh, Topology, Tree, bounds, signed_volume};
+use crate::{Error, Result};
+use glam::{DVec3, UVec3};
+use rayon::prelude::*;
+
+/// Carries what is linear in the tets of a mesh over to given points: positions and velocities
+/// from one body to another of the same shape but another resolution.
+///
+/// A point inside has the weights of its tet's corners; one outside those of the tet at the
+/// nearest boundary face, beyond 0 and 1.
+#[derive(Clone, Debug)]
+pub struct Transfer {
+    nodes: usize,
+    /// Of each point: four nodes and their weights, of sum 1.
+    shares: Vec<([u32; 4], [f64; 4])>,
+}
+
+/// Tets for each cell of the search grid.
+const TETS_A_CELL: f64 = 4.0;
+/// Most cells along an axis.
+const MOST_CELLS: f64 = 256.0;
+/// Weights this far below 0 are on a face.
+const ON_FACE: f64 = -1e-9;
+
+impl Transfer {
+    /// Prepares to carry values at the nodes of `mesh`, at rest, over to `points`. Tets without a
+    /// volume are passed over.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] when no tet on the boundary has a volume; [`Error::Input`] for a point that
+    /// lies nowhere.
+    pub fn new(mesh: &TetMesh, points: &[DVec3]) -> Result<Transfer> {
+        if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
+            return Err(Error::Input(format!(
+                "values cannot be carried to point {bad}, which lies at {}",
+                points[bad]
+            )));
+        }
+        let topology = Topology::new(mesh);
+        let (faces, triangles): (Vec<u32>, Vec<[DVec3; 3]>) = topology
+            .boundary
+            .iter()
+            .filter(|face| mesh.tet_volume(face.tet as usize) > 0.0)
+            .map(|face| {
+                let corners = topology.boundary_nodes(mesh, *face);
+                (face.tet, corners.map(|v| mesh.nodes[v as usize]))
+            })
+            .unzip();
+        if faces.is_empty() {
+            return Err(Error::Mesh(
+                "no tet on the boundary has a volume, so nothing can be carried over".into(),
+            ));
+        }
+        let (tree, grid) = (Tree::new(triangles), Grid::new(mesh));
+        let share = |p: &DVec3| {
+            let outside = || tree.nearest(*p).map_or(0, |(f, _)| faces[f]);
+            let tet = grid.tet_at(mesh, *p).unwrap_or_else(outside);
+            (mesh.tets[tet as usize], weights(mesh, tet, *p))
+        };
+        Ok(Transfer {
+            nodes: mesh.nodes.len(),
+            shares: points.par_iter().map(share).collect(),
+        })
+    }
+
+    /// The value at each point, of `values` at the nodes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of values.
+    pub fn apply(&self, values: &[DVec3]) -> Result<Vec<DVec3>> {
+        if values.len() != self.nodes {
+            return Err(Error::Input(format!(
+                "{} values given for the {} nodes they are to be carried from",
+                values.len(),
+                self.nodes
+            )));
+        }
+        let at = |(nodes, weights): &([u32; 4], [f64; 4])| {
+            let parts = nodes.iter().zip(weights);
+            parts.map(|(v, w)| *w * values[*v as usize]).sum()
+        };
+        Ok(self.shares.iter().map(at).collect())
+    }
+}
+
+/// The weights of the corners of tet `t` at `p`, of sum 1.
+fn weights(mesh: &TetMesh, t: u32, p: DVec3) -> [f64; 4] {
+    let corners = mesh.tet_nodes(t as usize);
+    let volume = signed_volume(corners);
+    let [a, b, c] = [1, 2, 3].map(|k| {
+        let mut part = corners;
+        part[k] = p;
+        signed_volume(part) / volume
+    });
+    [1.0 - a - b - c, a, b, c]
+}
+
+/// The tets that reach into each cell of a regular grid.
+struct Grid {
+    low: DVec3,
+    cell: DVec3,
+    size: UVec3,
+    tets: Vec<Vec<u32>>,
+}
+
+impl Grid {
+    fn new(mesh: &TetMesh) -> Grid {
+        let (low, high) = bounds(&mesh.nodes);
+        let extent = (high - low).max(DVec3::splat(f64::MIN_POSITIVE));
+        let side = (extent.to_array().iter().product::<f64>() * TETS_A_CELL
+            / mesh.tets.len().max(1) as f64)
+            .cbrt();
+        let size = (extent / side).clamp(DVec3::ONE, DVec3::splat(MOST_CELLS));
+        let size = size.as_uvec3();
+        let mut grid = Grid {
+            low,
+            cell: extent / size.as_dvec3(),
+            size,
+            tets: vec![Vec::new(); size.element_product() as usize],
+        };
+        for t in 0..mesh.tets.len() {
+            if mesh.tet_volume(t) > 0.0 {
+                let (low, high) = bounds(&mesh.tet_nodes(t));
+                let (first, last) = (grid.cell_at(low), grid.cell_at(high));
+                for z in first.z..=last.z {
+                    for y in first.y..=last.y {
+                        for x in first.x..=last.x {
+                            let cell = grid.index(UVec3::new(x, y, z));
+                            grid.tets[cell].push(t as u32);
+                        }
+                    }
+                }
+            }
+        }
+        grid
+    }
+
+    fn cell_at(&self, p: DVec3) -> UVec3 {
+        let cell = ((p - self.low) / self.cell).floor().max(DVec3::ZERO);
+        cell.as_uvec3().min(self.size - 1)
+    }
+
+    fn index(&self, cell: UVec3) -> usize {
+        (cell.x + self.size.x * (cell.y + self.size.y * cell.z)) as usize
+    }
+
+    /// The first tet that holds `p`.
+    fn tet_at(&self, mesh: &TetMesh, p: DVec3) -> Option<u32> {
+        let inside = |t: &&u32| weights(mesh, **t, p).iter().all(|w| *w >= ON_FACE);
+        let cell = self.index(self.cell_at(p));
+        self.tets[cell].iter().find(inside).copied()
+    }
+}
