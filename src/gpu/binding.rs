@@ -3,6 +3,7 @@
 use super::layout::GpuStruct;
 use super::{Gpu, layout, shader};
 use crate::{Error, Result};
+use std::sync::Arc;
 use wgpu::naga;
 
 /// Something a shader can be given.
@@ -56,7 +57,7 @@ pub(super) struct Sentence<'a> {
 
 /// A sentence held against its shader: ready to make pipelines and bind groups with.
 pub(super) struct Bound {
-    pub(super) module: naga::Module,
+    pub(super) module: Arc<naga::Module>,
     pub(super) layout_entries: Vec<wgpu::BindGroupLayoutEntry>,
     pub(super) params: Option<wgpu::Buffer>,
 }
@@ -84,7 +85,7 @@ impl<'a> Sentence<'a> {
         name: &str,
         visibility: wgpu::ShaderStages,
     ) -> Result<Bound> {
-        let module = shader::parse(name)?;
+        let module = shader::parsed(name)?;
         let wrong = |what: String| Error::Gpu(format!("shaders/{name}.wgsl: {what}"));
         let mut declared: Vec<(u32, &naga::GlobalVariable)> = module
             .global_variables

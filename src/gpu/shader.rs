@@ -1,6 +1,9 @@
 //! WGSL composition: `#import lib/tet` on a line of its own pulls in `shaders/lib/tet.wgsl`, once.
 
+use super::device::lock;
 use crate::{Error, Result};
+use std::collections::HashMap;
+use std::sync::{Arc, LazyLock, Mutex};
 use wgpu::naga;
 
 /// Every file under `shaders/`, embedded by `build.rs`: (name without extension, source).
@@ -58,4 +61,17 @@ pub fn parse(name: &str) -> Result<naga::Module> {
             e.emit_to_string(&source)
         ))
     })
+}
+
+/// Shaders parsed so far: a pass prepared anew need not parse its shader again.
+static PARSED: LazyLock<Mutex<HashMap<String, Arc<naga::Module>>>> = LazyLock::new(Mutex::default);
+
+/// [`parse`], once for each name.
+pub(super) fn parsed(name: &str) -> Result<Arc<naga::Module>> {
+    if let Some(known) = lock(&PARSED).get(name) {
+        return Ok(known.clone());
+    }
+    let module = Arc::new(parse(name)?);
+    lock(&PARSED).insert(name.to_owned(), module.clone());
+    Ok(module)
 }
