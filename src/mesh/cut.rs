@@ -24,10 +24,10 @@ pub struct TetCut {
     pub star: Vec<u32>,
     /// The edges at these nodes before the cut, sorted.
     pub edges_before: Vec<[u32; 2]>,
-    /// The edges at these nodes now, sorted.
-    pub edges_after: Vec<[u32; 2]>,
+    /// The edges at these nodes now, each with every tet around it, sorted.
+    pub around: Vec<([u32; 2], u32)>,
     /// Tets that were removed, ascending, by their numbers before; those that stay keep their
-    /// order. After a removal `tets`, `star` and the edges are not listed.
+    /// order. After a removal `tets`, `star` and edges are not listed.
     pub removed: Vec<u32>,
 }
 
@@ -95,10 +95,11 @@ pub fn cut(
     for v in parted.doubled.iter().flatten() {
         touched[*v as usize] = true;
     }
-    let now = parted.star.iter().map(|t| &mesh.tets[*t as usize]);
-    let edges_after = edges_at(now, &touched);
-    let edges_before = edges_at(parted.before.iter(), &touched);
-    splice(&mut topology.edges, |e| *e, &edges_before, &edges_after);
+    let around = edges_around(mesh, &parted.star, &touched);
+    let mut edges: Vec<[u32; 2]> = around.iter().map(|(edge, _)| *edge).collect();
+    edges.dedup();
+    let edges_before = edges_as_they_were(&edges, &parted.doubled);
+    splice(&mut topology.edges, |e| *e, &edges_before, &edges);
     let at_touched = |t: &u32| mesh.tets[*t as usize].iter().any(|v| touched[*v as usize]);
     let star = parted.star.into_iter().filter(at_touched).collect();
     Ok(TetCut {
@@ -108,7 +109,7 @@ pub fn cut(
         doubled: parted.doubled,
         tets,
         edges_before,
-        edges_after,
+        around,
         removed: Vec::new(),
     })
 }
@@ -214,32 +215,38 @@ fn faces_across(
     blade: &Blade,
 ) -> Vec<[BoundaryFace; 2]> {
     let (low, high) = blade.bounds();
-    let centroid = |t: usize| {
-        mesh.tets[t]
-            .map(|v| positions[v as usize])
-            .iter()
-            .sum::<DVec3>()
-            / 4.0
-    };
-    // Which of the six planes of the blade's box a centroid lies beyond: a segment between two
-    // that share one cannot meet the blade.
-    let beyond: Vec<u8> = (0..mesh.tets.len())
-        .into_par_iter()
-        .map(|t| {
-            let c = centroid(t);
-            (c.cmplt(low).bitmask() | c.cmpgt(high).bitmask() << 3) as u8
+    // Which of the six planes of the blade's box a node lies beyond, and which all nodes of a tet
+    // do: two tets that share one are not parted by the blade.
+    let node_beyond: Vec<u8> = positions
+        .par_iter()
+        .map(|p| (p.cmplt(low).bitmask() | p.cmpgt(high).bitmask() << 3) as u8)
+        .collect();
+    let beyond: Vec<u8> = mesh
+        .tets
+        .par_iter()
+        .map(|tet| {
+            tet.iter()
+                .fold(0xff, |all, v| all & node_beyond[*v as usize])
         })
         .collect();
+    let centroid = |t: usize| {
+        let corners = mesh.tets[t].map(|v| positions[v as usize]);
+        corners.iter().sum::<DVec3>() / 4.0
+    };
     let across = |t: usize, face: usize| {
         let code = topology.neighbours[t][face];
         let other = code as usize / 4;
-        let candidate = code != NO_NEIGHBOUR && other > t && beyond[t] & beyond[other] == 0;
+        if code == NO_NEIGHBOUR || other <= t || beyond[t] & beyond[other] != 0 {
+            return None;
+        }
         let [here, there] =
             [(t, face), (other, code as usize % 4)].map(|(tet, face)| BoundaryFace {
                 tet: tet as u32,
                 face: face as u32,
             });
-        (candidate && blade.parts(centroid(t), centroid(other))).then_some([here, there])
+        blade
+            .parts(centroid(t), centroid(other))
+            .then_some([here, there])
     };
     (0..mesh.tets.len())
         .into_par_iter()
@@ -293,18 +300,23 @@ fn part_nodes(
         .map(|(t, _)| t as u32)
         .collect();
     let before: Vec<[u32; 4]> = star.iter().map(|t| mesh.tets[*t as usize]).collect();
-    let place: HashMap<u32, u32> = star.iter().zip(0..).map(|(t, s)| (*t, s)).collect();
+    // One more than the place in the star of each tet, 0 of those elsewhere.
+    let mut place = vec![0u32; mesh.tets.len()];
+    for (t, s) in star.iter().zip(1..) {
+        place[*t as usize] = s;
+    }
     // Corner i of the s-th tet of the star is item 4 s + i.
     let join = |groups: &mut Groups, here: BoundaryFace, other: u32| {
-        let Some((s, o)) = place.get(&here.tet).zip(place.get(&other)) else {
+        let (s, o) = (place[here.tet as usize], place[other as usize]);
+        if s == 0 || o == 0 {
             return;
-        };
+        }
         for v in face_nodes(mesh, here) {
             let corner = |s: u32| {
                 let i = before[s as usize].iter().position(|w| *w == v);
                 i.map(|i| 4 * s + i as u32)
             };
-            if let (true, Some(a), Some(b)) = (marked[v as usize], corner(*s), corner(*o)) {
+            if let (true, Some(a), Some(b)) = (marked[v as usize], corner(s - 1), corner(o - 1)) {
                 groups.join(a, b);
             }
         }
@@ -386,13 +398,37 @@ fn sorted_face(mesh: &TetMesh, face: BoundaryFace) -> [u32; 3] {
     nodes
 }
 
-/// The edges of `tets` that have a node among those `touched`, sorted.
-fn edges_at<'a>(tets: impl Iterator<Item = &'a [u32; 4]>, touched: &[bool]) -> Vec<[u32; 2]> {
-    let mut edges: Vec<[u32; 2]> = tets
-        .flat_map(|t| TET_EDGES.map(|[a, b]| [t[a].min(t[b]), t[a].max(t[b])]))
-        .filter(|edge| edge.iter().any(|v| touched[*v as usize]))
+/// The edges of `tets` that have a node among those `touched`, each with its tets, sorted.
+fn edges_around(mesh: &TetMesh, tets: &[u32], touched: &[bool]) -> Vec<([u32; 2], u32)> {
+    // As one number each, which sort faster than pairs do.
+    let mut packed = Vec::with_capacity(6 * tets.len());
+    for t in tets {
+        let tet = mesh.tets[*t as usize];
+        for [a, b] in TET_EDGES.map(|edge| edge.map(|i| tet[i])) {
+            if touched[a as usize] || touched[b as usize] {
+                let (low, high) = (u128::from(a.min(b)), u128::from(a.max(b)));
+                packed.push(low << 64 | high << 32 | u128::from(*t));
+            }
+        }
+    }
+    packed.sort_unstable();
+    let unpack = |p: u128| ([(p >> 64) as u32, (p >> 32) as u32], p as u32);
+    packed.into_iter().map(unpack).collect()
+}
+
+/// What the sorted `edges` were before nodes were doubled, sorted.
+fn edges_as_they_were(edges: &[[u32; 2]], doubled: &[[u32; 2]]) -> Vec<[u32; 2]> {
+    let first = doubled.first().map_or(u32::MAX, |[new, _]| *new);
+    let old = |v: u32| match v.checked_sub(first) {
+        Some(k) => doubled[k as usize][1],
+        None => v,
+    };
+    let mut edges: Vec<[u32; 2]> = edges
+        .iter()
+        .map(|edge| edge.map(old))
+        .map(|[a, b]| [a.min(b), a.max(b)])
         .collect();
-    edges.par_sort_unstable();
+    edges.sort_unstable();
     edges.dedup();
     edges
 }
@@ -405,32 +441,30 @@ pub(crate) fn splice<T: Copy, K: Ord + Copy>(
     gone: &[K],
     added: &[T],
 ) {
-    if gone.is_empty() && added.is_empty() {
-        return;
-    }
-    let mut result = Vec::with_capacity(list.len() + added.len());
-    let (mut from, mut gone, mut added) = (0, gone, added);
-    loop {
-        let (out, into) = (gone.first().copied(), added.first());
-        let next = match (out, into.map(&key)) {
-            (Some(out), Some(into)) => out.min(into),
-            (Some(one), None) | (None, Some(one)) => one,
-            (None, None) => break,
-        };
-        let to = from + list[from..].partition_point(|item| key(item) < next);
-        result.extend_from_slice(&list[from..to]);
-        from = to;
-        if out == Some(next) {
-            from += usize::from(list.get(to).is_some_and(|item| key(item) == next));
-            gone = &gone[1..];
+    let position = |list: &[T], from: usize, wanted: K| {
+        from + list[from..].partition_point(|item| key(item) < wanted)
+    };
+    let (mut from, mut to) = (0, 0);
+    for wanted in gone {
+        let at = position(list, from, *wanted);
+        if from != to {
+            list.copy_within(from..at, to);
         }
-        if let Some(item) = into.filter(|item| key(item) == next) {
-            result.push(*item);
-            added = &added[1..];
-        }
+        to += at - from;
+        let found = list.get(at).is_some_and(|item| key(item) == *wanted);
+        from = at + usize::from(found);
     }
-    result.extend_from_slice(&list[from..]);
-    *list = result;
+    list.copy_within(from.., to);
+    list.truncate(to + list.len() - from);
+    // From the end on, each added item moves what follows it to its final place.
+    let mut end = list.len();
+    list.extend_from_slice(added);
+    for (k, item) in added.iter().enumerate().rev() {
+        let at = list[..end].partition_point(|other| key(other) < key(item));
+        list.copy_within(at..end, at + k + 1);
+        list[at + k] = *item;
+        end = at;
+    }
 }
 
 #[cfg(test)]

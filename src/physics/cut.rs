@@ -5,8 +5,7 @@ use super::rows::{Directed, Rows, both_ways};
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
 use crate::{Error, Result};
-use glam::Vec3;
-use std::collections::BTreeMap;
+use glam::{DVec3, Vec3};
 
 impl Body {
     /// Cuts the body along `blade` (file units) where it stands now, and with it `mesh`, the mesh
@@ -29,9 +28,14 @@ impl Body {
         blade: &Blade,
     ) -> Result<TetCut> {
         self.check_mesh(mesh)?;
-        let positions = self.positions()?;
+        let texels = self.nodes.local()?;
+        let frame = self.nodes.frame();
+        let positions: Vec<DVec3> = texels
+            .iter()
+            .map(|p| frame.to_file(Vec3::new(p[0], p[1], p[2])))
+            .collect();
         let done = cut(mesh, topology, &positions, blade)?;
-        self.follow(mesh, &done)?;
+        self.take_over(mesh, &done, &texels)?;
         Ok(done)
     }
 
@@ -59,21 +63,23 @@ impl Body {
     /// [`Error::Input`] when `mesh` is not that mesh, [`Error::Gpu`] when the device cannot hold
     /// what has become of it.
     pub fn follow(&mut self, mesh: &TetMesh, cut: &TetCut) -> Result<()> {
+        let texels = self.nodes.local()?;
+        self.take_over(mesh, cut, &texels)
+    }
+
+    /// [`Body::follow`], with the texels of the positions.
+    fn take_over(&mut self, mesh: &TetMesh, cut: &TetCut, positions: &[[f32; 4]]) -> Result<()> {
         if cut.is_empty() {
             return self.check_mesh(mesh);
         }
         let springs = self.network.follow(mesh, &self.material, cut)?;
-        self.double(cut)?;
+        self.double(cut, positions)?;
         let frame = self.nodes.frame();
         let rest = |v: u32| frame.to_local(mesh.nodes[v as usize]);
         if cut.removed.is_empty() {
-            let mut lists = self.lists_around(cut);
-            for spring in &springs {
-                for (node, directed) in both_ways(spring, rest, &self.units) {
-                    lists.entry(node).or_default().push(directed);
-                }
-            }
-            let replaced = self.kept_rows.replace(lists.into_iter().collect())?;
+            let directed = |s| both_ways(s, rest, &self.units);
+            let lists = self.lists_around(cut, springs.iter().flat_map(directed));
+            let replaced = self.kept_rows.replace(lists)?;
             self.fit_rows()?;
             let kept = &self.kept_rows;
             put(&self.gpu, &self.rows, &replaced.rows, &kept.rows)?;
@@ -112,28 +118,37 @@ impl Body {
         )))
     }
 
-    /// The springs that stay, of every node that has one at a node the cut has doubled.
-    fn lists_around(&self, cut: &TetCut) -> BTreeMap<u32, Vec<Directed>> {
-        let mut touched = vec![false; self.network.rest.len()];
+    /// All springs of every node that has one at a node the cut has doubled: those that stay, and
+    /// those that are `new`.
+    fn lists_around(
+        &self,
+        cut: &TetCut,
+        new: impl Iterator<Item = (u32, Directed)>,
+    ) -> Vec<(u32, Vec<Directed>)> {
+        let mut touched = vec![false; self.node_count()];
         cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
-        let mut lists = BTreeMap::new();
-        for node in cut.edges_before.iter().flatten() {
-            lists
-                .entry(*node)
-                .or_insert_with(|| match touched[*node as usize] {
+        // One more than the place of each node's list, 0 where it has none.
+        let mut place = vec![0u32; self.node_count()];
+        let mut lists: Vec<(u32, Vec<Directed>)> = Vec::new();
+        for (node, directed) in new {
+            if place[node as usize] == 0 {
+                let stay: Vec<Directed> = match touched[node as usize] {
                     true => Vec::new(),
                     false => {
-                        let row = self.kept_rows.row(*node);
+                        let row = self.kept_rows.row(node);
                         row.filter(|other| !touched[other.0 as usize]).collect()
                     }
-                });
+                };
+                lists.push((node, stay));
+                place[node as usize] = lists.len() as u32;
+            }
+            lists[place[node as usize] as usize - 1].1.push(directed);
         }
         lists
     }
 
     /// Gives the doubles the state of the nodes they come from, and shares these nodes' loads.
-    fn double(&mut self, cut: &TetCut) -> Result<()> {
-        let positions = self.nodes.local()?;
+    fn double(&mut self, cut: &TetCut, positions: &[[f32; 4]]) -> Result<()> {
         let velocities: Vec<[f32; 4]> = self.gpu.read_array(&self.velocities)?;
         let of = |texels: &[[f32; 4]]| -> Vec<[f32; 4]> {
             let old = cut.doubled.iter().map(|[_, old]| *old as usize);
@@ -141,7 +156,7 @@ impl Body {
         };
         let first = positions.len();
         let len = first + cut.doubled.len();
-        self.nodes.extend(&of(&positions))?;
+        self.nodes.extend(&of(positions))?;
         let gpu = self.gpu.clone();
         gpu.resize(&mut self.velocities, "velocities", len)?;
         gpu.write_items(&self.velocities, first as u32, &of(&velocities))?;

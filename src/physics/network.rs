@@ -57,7 +57,7 @@ impl SpringNetwork {
             .collect();
         let matter = Matter::new(mesh, material)?;
         let masses = matter.masses(0..mesh.tets.len())?;
-        let springs = matter.springs((0..mesh.tets.len()).into_par_iter(), |_| true, &rest)?;
+        let springs = matter.springs(&edges_around(mesh), &rest)?;
         Ok(SpringNetwork {
             rest,
             masses,
@@ -106,11 +106,7 @@ impl SpringNetwork {
         let mut rest = self.rest.clone();
         rest.extend(cut.doubled.iter().map(|[_, old]| self.rest[*old as usize]));
         let masses = matter.masses(cut.star.iter().map(|t| *t as usize))?;
-        let mut touched = vec![false; mesh.nodes.len()];
-        cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
-        let at_touched = |edge: [u32; 2]| edge.iter().any(|v| touched[*v as usize]);
-        let star = cut.star.par_iter().map(|t| *t as usize);
-        let springs = matter.springs(star, at_touched, &rest)?;
+        let springs = matter.springs(&cut.around, &rest)?;
         splice(&mut self.springs, |s| s.nodes, &cut.edges_before, &springs);
         self.masses.resize(mesh.nodes.len(), 0.0);
         for v in &cut.nodes {
@@ -185,24 +181,8 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         Ok(masses)
     }
 
-    /// The springs along those edges of `tets` that are `wanted`, sorted. For each, all tets
-    /// around it must be given.
-    fn springs(
-        &self,
-        tets: impl ParallelIterator<Item = usize>,
-        wanted: impl Fn([u32; 2]) -> bool + Sync,
-        rest: &[DVec3],
-    ) -> Result<Vec<Spring>> {
-        let wanted = &wanted;
-        let mut around: Vec<([u32; 2], u32)> = tets
-            .flat_map_iter(|t| {
-                let tet = self.mesh.tets[t];
-                let edge = move |[a, b]: [usize; 2]| [tet[a].min(tet[b]), tet[a].max(tet[b])];
-                let edges = TET_EDGES.into_iter().map(edge);
-                edges.filter(|e| wanted(*e)).map(move |e| (e, t as u32))
-            })
-            .collect();
-        around.par_sort_unstable();
+    /// The springs along edges given with every tet around them, sorted.
+    fn springs(&self, around: &[([u32; 2], u32)], rest: &[DVec3]) -> Result<Vec<Spring>> {
         let edges: Vec<&[([u32; 2], u32)]> = around.chunk_by(|a, b| a.0 == b.0).collect();
         let springs: Vec<Spring> = edges
             .par_iter()
@@ -244,6 +224,20 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             length,
         }
     }
+}
+
+/// Every edge with every tet around it, sorted.
+fn edges_around(mesh: &TetMesh) -> Vec<([u32; 2], u32)> {
+    let mut around: Vec<([u32; 2], u32)> = mesh
+        .tets
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(t, tet)| {
+            TET_EDGES.map(|[a, b]| ([tet[a].min(tet[b]), tet[a].max(tet[b])], t as u32))
+        })
+        .collect();
+    around.par_sort_unstable();
+    around
 }
 
 /// What each tet is made of, by its region.
