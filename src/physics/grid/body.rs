@@ -196,7 +196,7 @@ impl GridBody {
         self.turn = Turn::FIRST;
         self.set_velocities(&vec![DVec3::ZERO; local.len()])?;
         self.nodes.mark_moved();
-        Ok(())
+        self.refresh_normals()
     }
 
     /// Sets the velocities in file units a second.

@@ -92,6 +92,7 @@ impl GridBody {
         self.model.springs = springs;
         self.mesh = mesh;
         self.dirty = true;
+        self.refresh_normals()?;
         Ok(GridCut {
             springs: gone.len(),
             tets,

@@ -261,6 +261,18 @@ impl GridBody {
             .over(self.particles.len())
     }
 
+    /// Makes the normals of the present positions, with the springs there are; steps do so
+    /// themselves.
+    pub(super) fn refresh_normals(&mut self) -> Result<()> {
+        self.flush()?;
+        // The next step overwrites the free array.
+        let free = &self.positions[self.turn.next()];
+        let pass = self.normals_pass(&self.positions[self.turn.now], free, &self.normals)?;
+        let mut work = self.gpu.record();
+        pass.record(&mut work);
+        work.submit()
+    }
+
     /// The pass that makes the normals of other positions than the present ones, and moves
     /// nothing.
     pub(super) fn normals_pass(
