@@ -113,7 +113,14 @@ impl Stage {
         notes.extend(seen.note.clone());
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
         let actor = match solver.transpose()? {
-            None => Actor::Posed(Box::new(Nodes::new(gpu, &mesh)?)),
+            None => {
+                if !(scene.grab.is_empty() && scene.cut.is_empty()) {
+                    notes.push(
+                        "nothing moves, so grabs and cuts are passed over: name a solver".into(),
+                    );
+                }
+                Actor::Posed(Box::new(Nodes::new(gpu, &mesh)?))
+            }
             Some(kind) => {
                 let (motion, said) = Motion::new(gpu, scene, kind, &mesh, shape)?;
                 notes.extend(said);
@@ -177,16 +184,17 @@ impl Stage {
     /// [`Body::cut`](crate::physics::Body::cut) and
     /// [`GridBody::cut`](crate::physics::grid::GridBody::cut).
     pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
+        if self.motion().is_none() {
+            return Err(Error::Input(
+                "what nothing moves cannot be cut: name a solver".into(),
+            ));
+        }
         let mut opened = 0;
         for (dress, skin) in self.dresses.iter_mut().zip(&self.skins) {
             opened += dress.open(skin, blade)?;
         }
         let hit = match &mut self.actor {
-            Actor::Posed(_) => {
-                return Err(Error::Input(
-                    "what nothing moves cannot be cut: name a solver".into(),
-                ));
-            }
+            Actor::Posed(_) => false,
             Actor::Moving(motion) => match &mut motion.body {
                 Mover::Tets(body, _) => {
                     let cut = body.cut(&mut self.mesh, &mut self.topology, blade)?;

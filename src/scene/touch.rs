@@ -16,14 +16,7 @@ pub(super) struct Hand {
 
 impl Hand {
     pub fn new(entry: &GrabEntry) -> Result<Hand> {
-        let ordered = entry.path.windows(2).all(|w| w[0][0] < w[1][0]);
-        let finite = entry.path.iter().flatten().all(|x| x.is_finite());
-        if entry.path.is_empty() || !ordered || !finite {
-            return Err(Error::Input(
-                "the path of a grab should be a list of [time, x, y, z], the times increasing"
-                    .into(),
-            ));
-        }
+        check(&entry.path, 1, "grab")?;
         if entry.limit.is_some() && entry.spring.is_none() {
             return Err(Error::Input(
                 "a grab has a `limit` of force without a `spring`; nodes that follow exactly have none".into(),
