@@ -1,6 +1,8 @@
 //! Makes the small meshes, volumes and surfaces under `data/` (or in a folder given as the
 //! argument) anew.
 
+mod bars;
+mod heart;
 mod phantoms;
 
 use palpate::Result;
@@ -25,6 +27,7 @@ pub fn meshes() -> Result<Vec<(&'static str, TetMesh)>> {
         ("ball.vtu", with_depth(ball(0.05, 8)?)?),
         ("duct.vtu", with_depth(duct([9, 9, 6], size, Bore::Round)?)?),
         ("limb.vtu", limb(20_000)?),
+        ("bars.vtu", bars::bodies()?),
     ])
 }
 
@@ -34,12 +37,18 @@ pub fn volumes() -> Vec<(&'static str, Volume)> {
         ("knee.nrrd", phantoms::knee()),
         ("head_ct.mha", phantoms::head_ct()),
         ("head_mri.nii.gz", phantoms::head_mri()),
+        ("heart.nrrd", heart::labels()),
     ]
 }
 
 /// File names and surfaces.
 pub fn surfaces() -> Vec<(&'static str, TriMesh)> {
-    vec![("lobe.stl", phantoms::lobe())]
+    vec![
+        ("lobe.stl", phantoms::lobe()),
+        ("heart.obj", heart::surface(64, 40, false)),
+        ("bar_left.ply", bars::tube(0)),
+        ("bar_right.ply", bars::tube(1)),
+    ]
 }
 
 fn main() -> Result<()> {
@@ -57,6 +66,7 @@ fn main() -> Result<()> {
         io::write_volume(&path, &volume)?;
         println!("{}: {:?} voxels", path.display(), volume.size);
     }
+    heart::normals()?.save(folder.join("heart_normals.png"))?;
     for (name, surface) in surfaces() {
         let path = folder.join(name);
         io::write_surface(&path, &surface)?;

@@ -392,6 +392,9 @@ pub struct PictureEntry {
     pub layers: Option<u32>,
     /// Bits a channel of a PNG: 8 or 16.
     pub bits: Option<u32>,
+    /// With skins: the picture is drawn so many times larger each way, and averaged; 2 where
+    /// nothing is said. A translucent skin over a volume is quicker with 1.
+    pub samples: Option<u32>,
 }
 
 impl Scene {

@@ -203,5 +203,9 @@ fn means_around_nodes(mesh: &TetMesh, scalars: &[f64]) -> Vec<f64> {
             *sum = (sum.0 + weight * value, sum.1 + weight);
         }
     }
-    sums.iter().map(|(sum, weight)| sum / weight).collect()
+    // Nodes of no tet, as grids have them, are never seen.
+    let unseen = scalars.first().copied().unwrap_or(0.0);
+    sums.iter()
+        .map(|(sum, weight)| if *weight > 0.0 { sum / weight } else { unseen })
+        .collect()
 }

@@ -140,7 +140,7 @@ impl Stage {
             steps: scene.solver.steps.unwrap_or(STEPS),
             drawn_version: actor.nodes().version(),
             depth: None,
-            composer: Composer::new(gpu, ComposeOptions::default())?,
+            composer: Composer::new(gpu, scene.compose_options())?,
             knives: scene.cut.iter().map(Knife::new).collect::<Result<_>>()?,
             skins: Vec::new(),
             scene: scene.clone(),
@@ -522,6 +522,14 @@ impl Scene {
         };
         options.layers = self.picture.layers.unwrap_or(options.layers);
         Ok(options)
+    }
+
+    fn compose_options(&self) -> ComposeOptions {
+        let options = ComposeOptions::default();
+        ComposeOptions {
+            samples: self.picture.samples.unwrap_or(options.samples),
+            ..options
+        }
     }
 
     fn shown(&self) -> Result<Shown> {
