@@ -16,6 +16,7 @@ mod quality;
 mod region_surface;
 mod repair;
 mod smooth;
+mod splice;
 mod surface_shape;
 mod topology;
 mod transfer;
@@ -24,7 +25,6 @@ mod tri_mesh;
 pub use blade::Blade;
 pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
-pub(crate) use cut::splice;
 pub use cut::{TetCut, cut, remove};
 pub use describe::{Description, FieldDescription, RegionDescription};
 pub(crate) use distance::Tree;
@@ -37,6 +37,7 @@ pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
 };
 pub use repair::Repairs;
+pub(crate) use splice::splice;
 pub use surface_shape::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
 pub use transfer::Transfer;

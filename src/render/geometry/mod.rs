@@ -5,10 +5,13 @@
 //! that positions come straight from whoever moves them.
 
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
-use crate::mesh::{
-    FACES, LocalFrame, NO_NEIGHBOUR, TetCut, TetMesh, Topology, morton_order, splice,
-};
+use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
 use crate::{Error, Result};
+
+mod follow;
+mod placed;
+
+use placed::Placed;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -179,140 +182,6 @@ impl Geometry {
         })
     }
 
-    /// Takes over a cut that made `mesh` and `topology` of those it was prepared for, or of those
-    /// after the cut before: the next picture shows the gap. `positions` are those of the mesh as
-    /// it is now, and `scalars` its values; of these only the new nodes' are looked at. What a cut
-    /// has changed is sent, and the boundary from the first new face on; after a removal of tets
-    /// everything is.
-    ///
-    /// # Errors
-    /// As [`Geometry::new`]; nothing is changed when `mesh` is not the one cut.
-    pub fn follow<'a>(
-        &mut self,
-        mesh: &TetMesh,
-        topology: &Topology,
-        cut: &TetCut,
-        positions: &Array,
-        scalars: impl Into<Scalars<'a>>,
-    ) -> Result<()> {
-        let scalars = scalars.into();
-        check_input(mesh, positions, scalars)?;
-        let known = self.scalars.len() as usize;
-        if matches!(scalars, Scalars::Cells(_)) != self.per_cell {
-            return Err(Error::Input(
-                "a geometry made with scalars at the nodes, or in the tets, follows a cut with scalars there"
-                    .into(),
-            ));
-        }
-        if known + cut.doubled.len() != mesh.nodes.len()
-            || self.place.len() != mesh.tets.len() + cut.removed.len()
-        {
-            return Err(Error::Input(format!(
-                "a geometry of {known} nodes and {} tets cannot follow a cut that doubled {} nodes and removed {} tets, to a mesh of {} and {}; give it every cut in turn",
-                self.place.len(),
-                cut.doubled.len(),
-                cut.removed.len(),
-                mesh.nodes.len(),
-                mesh.tets.len()
-            )));
-        }
-        if cut.is_empty() {
-            return Ok(());
-        }
-        let generation = self.generation + 1;
-        if cut.removed.is_empty() {
-            self.open(mesh, topology, cut, positions, scalars)?;
-        } else {
-            let (gpu, version) = (self.gpu.clone(), self.version);
-            *self = Geometry::with_range(
-                &gpu, mesh, topology, self.frame, positions, scalars, self.range,
-            )?;
-            self.version += version;
-        }
-        self.generation = generation;
-        self.moved();
-        Ok(())
-    }
-
-    /// [`Geometry::follow`], where no tets were removed.
-    fn open(
-        &mut self,
-        mesh: &TetMesh,
-        topology: &Topology,
-        cut: &TetCut,
-        positions: &Array,
-        scalars: Scalars,
-    ) -> Result<()> {
-        let gpu = self.gpu.clone();
-        let known = self.scalars.len();
-        let shares: Vec<f32> = match scalars {
-            Scalars::Nodes(values) => {
-                let new = values[known as usize..].iter();
-                new.map(|s| share(*s, self.range)).collect()
-            }
-            Scalars::Cells(_) => vec![0.0; cut.doubled.len()],
-        };
-        let nodes = mesh.nodes.len();
-        let replaced = gpu.resize(&mut self.scalars, "scalars", nodes)?;
-        gpu.write_items(&self.scalars, known, &shares)?;
-        gpu.resize(&mut self.projected, "projected nodes", nodes)?;
-        let moved_away = self.positions.texture() != positions.texture();
-        self.positions = positions.clone();
-
-        let placed = Placed {
-            mesh,
-            topology,
-            place: &self.place,
-        };
-        let slot = |t: &u32| self.place[*t as usize];
-        let slots: Vec<u32> = cut.tets.iter().map(slot).collect();
-        let tets: Vec<[u32; 4]> = cut.tets.iter().map(|t| mesh.tets[*t as usize]).collect();
-        gpu.put(&self.tets, &slots, &tets)?;
-        let places: Vec<u32> = slots
-            .iter()
-            .map(|s| s * RECORD as u32 + RECORD_LINKS as u32)
-            .collect();
-        let across: Vec<[u32; 4]> = cut.tets.iter().map(|t| placed.neighbours(*t)).collect();
-        gpu.put(&self.records, &places, &across)?;
-        // A link holds the nodes of the tet behind it.
-        let behind = cut
-            .tets
-            .iter()
-            .flat_map(|t| topology.neighbours[*t as usize]);
-        let behind = behind
-            .filter(|code| *code != NO_NEIGHBOUR)
-            .map(|code| code / 4);
-        let mut linked: Vec<u32> = cut.tets.iter().copied().chain(behind).collect();
-        linked.sort_unstable();
-        linked.dedup();
-        let places: Vec<u32> = linked
-            .iter()
-            .flat_map(|t| [0, 1, 2, 3].map(|k| 4 * slot(t) + k))
-            .collect();
-        let links: Vec<[u32; 2]> = linked.iter().flat_map(|t| placed.links(*t)).collect();
-        gpu.put(&self.links, &places, &links)?;
-
-        let mut bare: Vec<[u32; 4]> = cut.tets.iter().flat_map(|t| placed.bare(*t)).collect();
-        bare.sort_unstable_by_key(|face| face[3]);
-        let mut gone: Vec<u32> = slots
-            .iter()
-            .flat_map(|s| [0, 1, 2, 3].map(|f| 4 * s + f))
-            .collect();
-        gone.sort_unstable();
-        splice(&mut self.boundary_faces, |face| face[3], &gone, &bare);
-        gpu.resize(&mut self.boundary, "boundary", self.boundary_faces.len())?;
-        let first_code = gone.first().copied().unwrap_or(0);
-        let first = self.boundary_faces.partition_point(|f| f[3] < first_code);
-        gpu.write_items(&self.boundary, first as u32, &self.boundary_faces[first..])?;
-
-        if replaced || moved_away {
-            let (scalars, tets) = (&self.scalars, &self.tets);
-            self.refresh = refresh_pass(&gpu, positions, scalars, tets, &self.records)?;
-            self.count_inverted = count_pass(&gpu, positions, tets, &self.inverted)?;
-        }
-        Ok(())
-    }
-
     /// Prepares `mesh` where its file has it; to be moved by nobody.
     ///
     /// # Errors
@@ -478,55 +347,4 @@ fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffe
 /// A scalar as a share of the range.
 fn share(scalar: f64, range: (f64, f64)) -> f32 {
     ((scalar - range.0) / (range.1 - range.0)) as f32
-}
-
-/// A mesh whose tets are kept elsewhere than they are listed: tets are asked for by their number
-/// in the mesh, and told by their place.
-struct Placed<'a> {
-    mesh: &'a TetMesh,
-    topology: &'a Topology,
-    place: &'a [u32],
-}
-
-impl Placed<'_> {
-    /// 4 tet + face across each face.
-    fn neighbours(&self, t: u32) -> [u32; 4] {
-        self.topology.neighbours[t as usize].map(|code| match code {
-            NO_NEIGHBOUR => NO_NEIGHBOUR,
-            code => 4 * self.place[code as usize / 4] + code % 4,
-        })
-    }
-
-    /// Across the face opposite the k-th smallest node: the neighbour, and the exclusive or of
-    /// its nodes.
-    fn links(&self, t: u32) -> [[u32; 2]; 4] {
-        let (tet, across) = (
-            self.mesh.tets[t as usize],
-            self.topology.neighbours[t as usize],
-        );
-        let mut ranked = [0, 1, 2, 3];
-        ranked.sort_by_key(|i: &usize| tet[*i]);
-        ranked.map(|i| match across[i] {
-            NO_NEIGHBOUR => [NO_NEIGHBOUR, 0],
-            code => {
-                let [a, b, c, d] = self.mesh.tets[code as usize / 4];
-                [self.place[code as usize / 4], a ^ b ^ c ^ d]
-            }
-        })
-    }
-
-    /// Its boundary faces: nodes, counter-clockwise from outside, and 4 tet + face.
-    fn bare(&self, t: u32) -> impl Iterator<Item = [u32; 4]> + use<> {
-        let (tet, across) = (
-            self.mesh.tets[t as usize],
-            self.topology.neighbours[t as usize],
-        );
-        let place = self.place[t as usize];
-        (0..4)
-            .filter(move |f| across[*f] == NO_NEIGHBOUR)
-            .map(move |f| {
-                let [a, b, c] = FACES[f].map(|i| tet[i]);
-                [a, b, c, 4 * place + f as u32]
-            })
-    }
 }

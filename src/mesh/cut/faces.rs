@@ -1,0 +1,68 @@
+//! Which faces a blade opens.
+
+use crate::mesh::{Blade, BoundaryFace, NO_NEIGHBOUR, TetMesh, Topology};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// The faces whose two tets have their centroids on different sides of the blade, sorted.
+pub(super) fn faces_across(
+    mesh: &TetMesh,
+    topology: &Topology,
+    positions: &[DVec3],
+    blade: &Blade,
+) -> Vec<[BoundaryFace; 2]> {
+    let (low, high) = blade.bounds();
+    // Which of the six planes of the blade's box a node lies beyond, and which all nodes of a tet
+    // do: two tets that share one are not parted by the blade.
+    let node_beyond: Vec<u8> = positions
+        .par_iter()
+        .map(|p| (p.cmplt(low).bitmask() | p.cmpgt(high).bitmask() << 3) as u8)
+        .collect();
+    let beyond: Vec<u8> = mesh
+        .tets
+        .par_iter()
+        .map(|tet| {
+            tet.iter()
+                .fold(0xff, |all, v| all & node_beyond[*v as usize])
+        })
+        .collect();
+    let centroid = |t: usize| {
+        let corners = mesh.tets[t].map(|v| positions[v as usize]);
+        corners.iter().sum::<DVec3>() / 4.0
+    };
+    let across = |t: usize, face: usize| {
+        let code = topology.neighbours[t][face];
+        let other = code as usize / 4;
+        if code == NO_NEIGHBOUR || other <= t || beyond[t] & beyond[other] != 0 {
+            return None;
+        }
+        let [here, there] =
+            [(t, face), (other, code as usize % 4)].map(|(tet, face)| BoundaryFace {
+                tet: tet as u32,
+                face: face as u32,
+            });
+        blade
+            .parts(centroid(t), centroid(other))
+            .then_some([here, there])
+    };
+    (0..mesh.tets.len())
+        .into_par_iter()
+        .flat_map_iter(|t| (0..4).filter_map(move |face| across(t, face)))
+        .collect()
+}
+
+/// Leaves out the faces around tets that would be cut off on their own: such a tet goes with its
+/// neighbours, wherever its centroid lies. Of two that would be alone, both are.
+pub(super) fn keep_chips(topology: &Topology, faces: &mut Vec<[BoundaryFace; 2]>) {
+    let mut links: HashMap<u32, usize> = HashMap::new();
+    for face in faces.iter().flatten() {
+        let linked = || {
+            let across = topology.neighbours[face.tet as usize];
+            across.iter().filter(|code| **code != NO_NEIGHBOUR).count()
+        };
+        *links.entry(face.tet).or_insert_with(linked) -= 1;
+    }
+    let alone = |face: &BoundaryFace| links.get(&face.tet) == Some(&0);
+    faces.retain(|[a, b]| alone(a) == alone(b));
+}

@@ -1,0 +1,134 @@
+//! Which nodes come apart when faces are opened: those around which the tets fall into several fans.
+
+use crate::mesh::{BoundaryFace, FACES, Groups, Location, NO_NEIGHBOUR, TetMesh, Topology};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Nodes doubled, and the tets around the faces that were opened.
+pub(super) struct Parted {
+    pub doubled: Vec<[u32; 2]>,
+    pub star: Vec<u32>,
+    /// Nodes of the tets of `star` as they were.
+    pub before: Vec<[u32; 4]>,
+}
+
+/// Doubles every node around which the faces `opened`, which have lost their links, part a fan of
+/// tets into several: the fan with the smallest tet keeps the node. Tets that are `gone` do not
+/// count.
+pub(super) fn part_nodes(
+    mesh: &mut TetMesh,
+    topology: &Topology,
+    opened: &[[BoundaryFace; 2]],
+    gone: &[bool],
+) -> Parted {
+    let mut marked = vec![false; mesh.nodes.len()];
+    for [face, _] in opened {
+        for v in face_nodes(mesh, *face) {
+            marked[v as usize] = true;
+        }
+    }
+    let star: Vec<u32> = mesh
+        .tets
+        .par_iter()
+        .enumerate()
+        .filter(|(_, tet)| tet.iter().any(|v| marked[*v as usize]))
+        .map(|(t, _)| t as u32)
+        .collect();
+    let before: Vec<[u32; 4]> = star.iter().map(|t| mesh.tets[*t as usize]).collect();
+    // One more than the place in the star of each tet, 0 of those elsewhere.
+    let mut place = vec![0u32; mesh.tets.len()];
+    for (t, s) in star.iter().zip(1..) {
+        place[*t as usize] = s;
+    }
+    // Corner i of the s-th tet of the star is item 4 s + i.
+    let join = |groups: &mut Groups, here: BoundaryFace, other: u32| {
+        let (s, o) = (place[here.tet as usize], place[other as usize]);
+        if s == 0 || o == 0 {
+            return;
+        }
+        for v in face_nodes(mesh, here) {
+            let corner = |s: u32| {
+                let i = before[s as usize].iter().position(|w| *w == v);
+                i.map(|i| 4 * s + i as u32)
+            };
+            if let (true, Some(a), Some(b)) = (marked[v as usize], corner(s - 1), corner(o - 1)) {
+                groups.join(a, b);
+            }
+        }
+    };
+    let mut after = Groups::new(4 * star.len());
+    let mut whole = Groups::new(4 * star.len());
+    for tet in &star {
+        for (face, code) in (0..).zip(topology.neighbours[*tet as usize]) {
+            if code != NO_NEIGHBOUR && code / 4 > *tet {
+                let here = BoundaryFace { tet: *tet, face };
+                join(&mut after, here, code / 4);
+                join(&mut whole, here, code / 4);
+            }
+        }
+    }
+    for [here, there] in opened {
+        join(&mut whole, *here, there.tet);
+    }
+    let mut fans: Vec<[u32; 3]> = Vec::new();
+    for (s, tet) in before.iter().enumerate() {
+        if gone.get(star[s] as usize) == Some(&true) {
+            continue;
+        }
+        for (i, v) in tet.iter().enumerate().filter(|(_, v)| marked[**v as usize]) {
+            let corner = (4 * s + i) as u32;
+            fans.push([
+                *v,
+                whole.representative(corner),
+                after.representative(corner),
+            ]);
+        }
+    }
+    let corners = fans.clone();
+    fans.sort_unstable();
+    fans.dedup();
+    let mut doubled = Vec::new();
+    let mut name: HashMap<u32, u32> = HashMap::new();
+    for same in fans.chunk_by(|a, b| a[..2] == b[..2]) {
+        for [old, _, fan] in &same[1..] {
+            let new = (mesh.nodes.len() + doubled.len()) as u32;
+            name.insert(*fan, new);
+            doubled.push([new, *old]);
+        }
+    }
+    let mut fan_of = corners.iter();
+    for (s, tet) in before.iter().enumerate() {
+        if gone.get(star[s] as usize) == Some(&true) {
+            continue;
+        }
+        for (i, _) in tet.iter().enumerate().filter(|(_, v)| marked[**v as usize]) {
+            if let Some(new) = fan_of.next().and_then(|[_, _, fan]| name.get(fan)) {
+                mesh.tets[star[s] as usize][i] = *new;
+            }
+        }
+    }
+    for [_, old] in &doubled {
+        mesh.nodes.push(mesh.nodes[*old as usize]);
+        for field in &mut mesh.fields {
+            if field.location == Location::Node {
+                let at = *old as usize * field.components;
+                field.values.extend_from_within(at..at + field.components);
+            }
+        }
+    }
+    Parted {
+        doubled,
+        star,
+        before,
+    }
+}
+
+fn face_nodes(mesh: &TetMesh, face: BoundaryFace) -> [u32; 3] {
+    FACES[face.face as usize].map(|i| mesh.tets[face.tet as usize][i])
+}
+
+pub(super) fn sorted_face(mesh: &TetMesh, face: BoundaryFace) -> [u32; 3] {
+    let mut nodes = face_nodes(mesh, face);
+    nodes.sort_unstable();
+    nodes
+}
