@@ -54,32 +54,19 @@ impl Vertex {
     }
 }
 
-/// A place on a base triangle: its nodes, the edge of T first, and the weights of each.
+/// A place on a base triangle: its nodes and the weights of each.
 #[derive(Clone, Copy)]
 pub(super) struct Seat {
     pub nodes: [u32; 3],
     pub weights: [f64; 3],
 }
 
-impl Seat {
-    /// The same place, with the nearest edge as T. Both triangles at an edge then turn alike there,
-    /// however they are sheared: the interpolated basis has no jump at borders.
-    fn at_edge(self) -> Seat {
-        let w = self.weights;
-        let third = (0..3).min_by(|a, b| w[*a].total_cmp(&w[*b])).unwrap_or(2);
-        let order = [1, 2, 3].map(|k| (third + k) % 3);
-        Seat {
-            nodes: order.map(|k| self.nodes[k]),
-            weights: order.map(|k| w[k]),
-        }
-    }
-}
-
 /// The base triangles, to be searched.
 pub(super) struct Binder<'a> {
     nodes: &'a [DVec3],
     normals: Vec<Option<DVec3>>,
-    /// Those that have a plane; the corner nearest to a right angle first.
+    /// Those that have a plane; the corner nearest to a right angle first, whose edges turn with
+    /// the triangle rather than with its shear.
     triangles: Vec<[u32; 3]>,
     tree: Tree,
     /// The nodes of the triangles as triangles without extent, and for each a triangle that has
@@ -280,7 +267,7 @@ impl<'a> Binder<'a> {
             let [a, b, c] = self.corner_normals(nodes);
             let (weights, height) = foot(vertex.position, self.corners(nodes), [a?, b?, c?])?;
             let outside = weights.iter().fold(ON_RIM, |m, w| m.max(-w));
-            let seat = Seat { nodes, weights }.at_edge();
+            let seat = Seat { nodes, weights };
             let fits = outside <= beyond && self.is_smooth(seat);
             fits.then_some((outside, height.abs(), seat))
         };
@@ -319,7 +306,7 @@ impl<'a> Binder<'a> {
         };
         self.normal_foot(vertex, t, ON_RIM, accept)
             .filter(near)
-            .or_else(|| Some(nearest.at_edge()).filter(|seat| self.is_smooth(*seat)))
+            .or_else(|| Some(nearest).filter(|seat| self.is_smooth(*seat)))
     }
 }
 

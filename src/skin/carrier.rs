@@ -3,7 +3,7 @@
 use super::binder::triangles_around;
 use super::binding::Base;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
-use crate::mesh::{LocalFrame, NO_NORMAL, TetMesh, Topology, pack_normal};
+use crate::mesh::{LocalFrame, TetMesh, Topology};
 use crate::physics::grid::GridBody;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -139,21 +139,13 @@ impl Carrier {
     }
 
     /// A grid body, with the approximate normals that its steps make (equation 3): its particles
-    /// as the nodes, the boundary of its full cells as base triangles.
+    /// as the nodes, the boundary of its full cells as base triangles. Reads back once.
     ///
     /// # Errors
-    /// As [`Carrier::new`].
-    pub fn of_grid(body: &GridBody) -> Result<Carrier> {
-        let (model, mesh) = (body.model(), body.mesh());
-        let normal = |(region, springs): (&u16, &u32)| match region {
-            0 => NO_NORMAL,
-            _ => model
-                .shape
-                .rest_normal(*springs)
-                .map_or(NO_NORMAL, pack_normal),
-        };
-        let regions = model.shape.regions.iter();
-        let normals: Vec<u32> = regions.zip(&model.springs).map(normal).collect();
+    /// As [`Carrier::new`] and [`GridBody::rest_normals`].
+    pub fn of_grid(body: &mut GridBody) -> Result<Carrier> {
+        let normals = body.rest_normals()?;
+        let mesh = body.mesh();
         Carrier::new(
             body.nodes().array(),
             body.nodes().frame(),

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::gpu::{Array, Gpu};
 use palpate::mesh::{LocalFrame, TriMesh, generate, unpack_normal};
-use palpate::render::local_positions;
+use palpate::render::{Image, local_positions};
 use palpate::skin::Carrier;
 use std::collections::HashMap;
 
@@ -178,4 +178,12 @@ pub fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
 pub fn size(points: &[DVec3]) -> f64 {
     let (low, high) = palpate::mesh::bounds(points);
     (high - low).max_element()
+}
+
+/// Where pictures of tests can be looked at.
+pub fn keep(image: &Image, name: &str) {
+    if let Ok(folder) = std::env::var("PALPATE_TEST_PICTURES") {
+        let path = std::path::Path::new(&folder).join(name);
+        image.save(path).unwrap();
+    }
 }

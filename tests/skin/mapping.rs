@@ -6,6 +6,7 @@ use palpate::mesh::{NO_NORMAL, TriMesh, pack_normal};
 use palpate::physics::Material;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
 use palpate::reference::skin::{node_normals, place};
+use palpate::render::Camera;
 use palpate::skin::{Base, Carrier, Mapping, Skin, Vertices, bind};
 use std::collections::HashMap;
 
@@ -118,7 +119,7 @@ fn a_grid_body_carries_a_skin_by_its_own_normals() {
     let mut body = GridBody::new(&gpu, model).unwrap();
     let surface = bumpy(40);
     let whole = size(&surface.vertices);
-    let carrier = Carrier::of_grid(&body).unwrap();
+    let carrier = Carrier::of_grid(&mut body).unwrap();
     let skins = Mapping::ALL.map(|m| Skin::new(&gpu, &surface, &carrier, m).unwrap());
     for (skin, mapping) in skins.iter().zip(Mapping::ALL) {
         let error = apart(&skin.vertices().unwrap(), &surface.vertices) / whole;
@@ -153,7 +154,15 @@ fn a_bent_bar_tears_at_base_triangles_unless_bases_are_interpolated() {
     let bent: Vec<DVec3> = scene.rest.iter().map(|p| rolled(*p, 3.0)).collect();
     let (carrier, _) = scene.carrier(&gpu, &bent);
     let stretch = |mapping| {
-        let skin = Skin::new(&gpu, &scene.skin, &carrier, mapping).unwrap();
+        let mut skin = Skin::new(&gpu, &scene.skin, &carrier, mapping).unwrap();
+        let camera = Camera::perspective(
+            DVec3::new(3.5, -10.0, 3.0),
+            DVec3::new(1.0, 0.5, -2.7),
+            DVec3::Z,
+            42.0,
+        );
+        let image = skin.image(&camera, [480, 480]).unwrap();
+        keep(&image, &format!("bent-bar-{mapping}.png"));
         let placed = skin.placed().unwrap();
         let (rest, bound) = (skin.rest(), skin.bound());
         let sorted = |v: u32| {

@@ -10,14 +10,6 @@ use palpate::render::{
 };
 use palpate::skin::{Carrier, ComposeOptions, Composer, Map, Mapping, Skin, SkinColour};
 
-/// Where pictures of tests can be looked at.
-fn keep(image: &Image, name: &str) {
-    if let Ok(folder) = std::env::var("PALPATE_TEST_PICTURES") {
-        let path = std::path::Path::new(&folder).join(name);
-        image.save(path).unwrap();
-    }
-}
-
 fn target(gpu: &Gpu, size: u32, format: wgpu::TextureFormat) -> wgpu::TextureView {
     let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
         label: None,
