@@ -171,7 +171,8 @@ fn surface(arguments: &MeshArguments, recipe: &Recipe) -> anyhow::Result<Outcome
     Ok(Outcome::Done)
 }
 
-fn write_report(path: &Path, report: &impl serde::Serialize) -> palpate::Result<()> {
+/// Writes a report as JSON.
+pub fn write_report(path: &Path, report: &impl serde::Serialize) -> palpate::Result<()> {
     io::atomic_write(path, |file| {
         serde_json::to_writer_pretty(file, report).map_err(|e| Error::io(path)(e.into()))
     })

@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand.
 
+mod bake;
 mod compare;
 mod demo;
 mod flags;
@@ -36,6 +37,8 @@ enum Command {
     Simulate(Box<simulate::SimulateArguments>),
     /// Make a tetrahedral mesh of a scan, a segmentation or closed surfaces; or a surface of one
     Mesh(Box<mesh::MeshArguments>),
+    /// Make the normal map of a coarse surface, which has texture coordinates, from a fine one
+    Bake(bake::BakeArguments),
     /// Hold picture against picture; exit code 1 past the tolerance
     Compare(compare::CompareArguments),
     /// Bend the limb phantom and leave pictures, an animation and a series
@@ -75,6 +78,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Render(arguments) => render::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Simulate(arguments) => simulate::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Mesh(arguments) => mesh::run(arguments),
+        Command::Bake(arguments) => bake::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Adapters => adapters(adapter),

@@ -2,6 +2,7 @@
 //! not part of this repository, and fail where that folder is absent.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod bake;
 mod mesh;
 
 use std::path::{Path, PathBuf};
