@@ -299,11 +299,14 @@ fn every_example_runs() {
         .output();
     stdout(&build.unwrap());
     let built = profile.join("examples");
-    let runs: [(&str, &[&str]); 4] = [
+    let runs: [(&str, &[&str]); 7] = [
         ("quickstart", &[]),
         ("own_device", &[]),
         ("other_engine", &["twist"]),
         ("regression_picture", &[]),
+        ("grid_body", &[]),
+        ("skin", &[]),
+        ("cut", &[]),
     ];
     for (example, arguments) in runs {
         let output = Command::new(built.join(example))
@@ -313,7 +316,14 @@ fn every_example_runs() {
             .unwrap_or_else(|e| panic!("{example}: {e}"));
         stdout(&output);
     }
-    for picture in ["quickstart.png", "twist/twist_4.png", "golden.png"] {
+    for picture in [
+        "quickstart.png",
+        "twist/twist_4.png",
+        "golden.png",
+        "grid_body.png",
+        "skin.png",
+        "cut.png",
+    ] {
         assert!(folder.join(picture).exists(), "{picture}");
     }
     // The second time there is a picture to compare with, and it is the same.
