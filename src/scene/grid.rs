@@ -1,10 +1,12 @@
 //! From a scene's `[grid]` to a carved shape and its mesh.
 
 use super::{GridEntry, Lengths, Scene};
-use crate::Result;
+use crate::io::{self, Kind};
 use crate::mesh::TetMesh;
+use crate::mesher::Domain;
 use crate::physics::grid::GridShape;
 use crate::volume::Volume;
+use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
 /// Particles where nothing is said.
@@ -16,16 +18,21 @@ impl Scene {
     pub(super) fn carve(&self, grid: &GridEntry) -> Result<(GridShape, TetMesh, Vec<String>)> {
         self.mesh.recipe()?.describe(|found| {
             let axes = found.volume.map_or(DMat3::IDENTITY, axes);
+            let grown = Grown {
+                domain: found.domain,
+                margin: self.margin(grid)?,
+            };
+            let domain: &dyn Domain = &grown;
             let mut shape = match (grid.spacing, grid.nodes) {
                 (Some(Lengths::Same(s)), None) => {
-                    GridShape::carve(found.domain, DVec3::splat(s), axes)?
+                    GridShape::carve(domain, DVec3::splat(s), axes)?
                 }
-                (Some(Lengths::Each(s)), None) => GridShape::carve(found.domain, s.into(), axes)?,
+                (Some(Lengths::Each(s)), None) => GridShape::carve(domain, s.into(), axes)?,
                 (None, nodes) => {
-                    GridShape::carve_about(found.domain, nodes.unwrap_or(NODES), axes)?
+                    GridShape::carve_about(domain, nodes.unwrap_or(NODES), axes)?
                 }
                 (Some(_), Some(_)) => {
-                    return Err(crate::Error::Input(
+                    return Err(Error::Input(
                         "[grid] has both `nodes` and `spacing`; give one of them".into(),
                     ));
                 }
@@ -49,6 +56,41 @@ impl Scene {
             ));
             Ok((shape, mesh, notes))
         })
+    }
+
+    fn margin(&self, grid: &GridEntry) -> Result<f64> {
+        let margin = grid.margin.unwrap_or(0.0);
+        let of_volume = match &self.mesh.file {
+            Some(file) => io::kind(file)? == Kind::Volume,
+            None => false,
+        };
+        if !(margin.is_finite() && margin >= 0.0) || (margin > 0.0 && of_volume) {
+            return Err(Error::Input(format!(
+                "[grid] margin = {margin}: give 0 or more, around a surface or a mesh; a volume has thresholds"
+            )));
+        }
+        Ok(margin)
+    }
+}
+
+/// A domain whose weights are distances, and what lies up to a margin outside.
+struct Grown<'a> {
+    domain: &'a dyn Domain,
+    margin: f64,
+}
+
+impl Domain for Grown<'_> {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        let (low, high) = self.domain.bounds();
+        (low - self.margin, high + self.margin)
+    }
+
+    fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+        self.domain.weights(p, weights);
+        // Half the difference of a region's weight and the outside's is the distance.
+        for (_, weight) in weights.iter_mut().filter(|w| w.0 != 0) {
+            *weight += 2.0 * self.margin;
+        }
     }
 }
 

@@ -261,6 +261,9 @@ pub struct GridEntry {
     pub spacing: Option<Lengths>,
     /// Rate of damping, 1/s.
     pub damping: Option<f64>,
+    /// Particles lie up to this far outside a surface or mesh too, so that a body holds pieces
+    /// together that do not touch: bones, for example.
+    pub margin: Option<f64>,
 }
 
 /// One length, or one for each axis.
