@@ -1,4 +1,5 @@
-// Velocity Verlet, first half: v½ = v + ½h a, x' = x + h v½.
+// Velocity Verlet, first half: x' = x + h (v + ½h a), and the velocity v + h a that the damping
+// at x' is taken at: right to first order in h, which leaves the scheme of second order.
 
 #import lib/move
 
@@ -10,6 +11,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     let x = textureLoad(positions, at(i), 0);
     let v = textureLoad(velocities, at(i), 0);
-    let w = v.xyz + params.kick * acceleration(i);
-    store(i, x, params.dt * w, vec4(w, v.w));
+    let change = params.kick * acceleration(i);
+    store(i, x, params.dt * (v.xyz + change), vec4(v.xyz + 2.0 * change, v.w));
 }

@@ -19,7 +19,8 @@ pub fn symplectic_euler(p: &mut Particles, h: f64) {
     drift(p, h, &v);
 }
 
-/// Verlet, x' = 2x − x₋₁ + h² a, with damping forces from the velocity (x − x₋₁)/h.
+/// Verlet, x' = 2x − x₋₁ + h² a, with damping forces from the velocity (x − x₋₁)/h: half a step
+/// old, which makes a damped motion right to first order only.
 #[derive(Clone, Debug, Default)]
 pub struct Verlet {
     previous: Option<Vec<DVec3>>,
@@ -47,8 +48,8 @@ impl Verlet {
     }
 }
 
-/// Velocity Verlet: v½ = v + ½h a, x' = x + h v½, v' = v½ + ½h a(x', v½). The acceleration is
-/// kept for the next step.
+/// Velocity Verlet: x' = x + h (v + ½h a), v' = v + ½h (a + a'), a' = a(x', v + h a), which is
+/// kept for the next step. Right to second order, damped or not.
 #[derive(Clone, Debug, Default)]
 pub struct VelocityVerlet {
     acceleration: Option<Vec<DVec3>>,
@@ -58,12 +59,16 @@ impl VelocityVerlet {
     /// One step.
     pub fn step(&mut self, p: &mut Particles, h: f64) {
         let a = self.acceleration.take().unwrap_or_else(|| accelerations(p));
+        let start = p.v.clone();
         kick(p, 0.5 * h, &a);
-        let v = p.v.clone();
-        drift(p, h, &v);
-        let a = accelerations(p);
+        let middle = p.v.clone();
+        drift(p, h, &middle);
         kick(p, 0.5 * h, &a);
-        self.acceleration = Some(a);
+        let next = accelerations(p);
+        p.v = start;
+        kick(p, 0.5 * h, &a);
+        kick(p, 0.5 * h, &next);
+        self.acceleration = Some(next);
     }
 }
 

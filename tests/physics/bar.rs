@@ -116,6 +116,7 @@ fn the_stable_step_is_stable_and_not_timid() {
             SolverKind::Explicit,
             SolverKind::Symplectic,
             SolverKind::Verlet,
+            SolverKind::VelocityVerlet,
         ] {
             let run = |factor: f64| {
                 let mut body = Body::new(&gpu, &mesh, &material).unwrap();
