@@ -17,6 +17,7 @@ pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod skin;
+pub mod study;
 pub mod volume;
 
 pub use error::{Error, Result};

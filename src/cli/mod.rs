@@ -9,6 +9,7 @@ mod mesh;
 mod progress;
 mod render;
 mod simulate;
+mod study;
 
 use clap::{Parser, Subcommand};
 use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
@@ -43,6 +44,8 @@ enum Command {
     Compare(compare::CompareArguments),
     /// Bend the limb phantom and leave pictures, an animation and a series
     Demo(demo::DemoArguments),
+    /// Measure accuracy against speed, stability, cost against size; with charts
+    Study(study::StudyArguments),
     /// List the graphics adapters, best first
     Adapters,
 }
@@ -81,6 +84,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Bake(arguments) => bake::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Study(arguments) => study::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Adapters => adapters(adapter),
     }
 }

@@ -1,0 +1,59 @@
+//! `palpate study`: measurements, charts and findings.
+
+use super::{Outcome, progress};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use palpate::gpu::Gpu;
+use palpate::study::{Run, STUDIES};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Arguments of `study`.
+#[derive(Args)]
+pub struct StudyArguments {
+    /// What to study
+    #[arg(value_parser = PossibleValuesParser::new(
+        STUDIES.iter().map(|(name, help, _)| PossibleValue::new(name).help(help))
+    ))]
+    what: String,
+    /// A scene of your own to study, where the study takes one
+    scene: Option<PathBuf>,
+    /// Folder for the CSV, charts and findings; what is measured there already is not measured again
+    #[arg(long, short)]
+    out: PathBuf,
+    /// Few and small points: seconds in place of minutes
+    #[arg(long)]
+    quick: bool,
+}
+
+/// Runs a study; Ctrl-C ends it early and keeps what was measured, a second one at once.
+pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
+    let out = &arguments.out;
+    std::fs::create_dir_all(out).map_err(palpate::Error::io(out))?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let pressed = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if pressed.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        super::tell(&["ending after this point; what was measured is kept".to_owned()]);
+    })?;
+    let studies = STUDIES.iter().filter(|(name, ..)| *name == arguments.what);
+    for (_, _, study) in studies {
+        progress::stages(|progress| {
+            study(
+                &Run {
+                    gpu,
+                    dir: out,
+                    quick: arguments.quick,
+                    progress,
+                    note: &|text| super::tell(&[text.to_owned()]),
+                    stop: &stop,
+                },
+                arguments.scene.as_deref(),
+            )
+        })?;
+    }
+    Ok(Outcome::Done)
+}

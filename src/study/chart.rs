@@ -1,0 +1,288 @@
+//! Charts of lines and marks, readable in print and by the colour-blind.
+
+use super::scale::Axis;
+use crate::render::Image;
+use crate::{Error, Result};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::FontStyle;
+use std::path::Path;
+use std::sync::Once;
+
+/// The size of a chart in pixels, legend included.
+pub(super) const SIZE: (u32, u32) = (1000, 600);
+/// The width of the legend, beside the data.
+const LEGEND: i32 = 250;
+pub(super) const FONT: &str = "sans-serif";
+/// The colours of Okabe and Ito, which the colour-blind tell apart, but for the yellow.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(0, 0, 0),
+];
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// A line.
+    Line,
+    /// A dashed line: theory, or a guide.
+    Dashed,
+    /// A mark at each point.
+    Marks,
+    /// Marks joined by a line.
+    LineMarks,
+    /// A ring around each point: those that stand out.
+    Rings,
+}
+
+/// Points that belong together.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// Its name in the legend.
+    pub name: String,
+    /// Places, in the units of the axes; what an axis cannot show is left out.
+    pub points: Vec<[f64; 2]>,
+    /// How it is drawn.
+    pub look: Look,
+}
+
+impl Series {
+    /// A series.
+    pub fn new(name: impl Into<String>, look: Look, points: Vec<[f64; 2]>) -> Series {
+        Series {
+            name: name.into(),
+            points,
+            look,
+        }
+    }
+}
+
+/// Series over two axes.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// What it shows.
+    pub title: String,
+    /// The axis to the right.
+    pub x: Axis,
+    /// The axis upwards.
+    pub y: Axis,
+    /// What is drawn, in the order of the legend.
+    pub series: Vec<Series>,
+}
+
+impl Chart {
+    /// Draws the chart to `NAME.svg` and `NAME.png` in `dir`.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save(&self, dir: &Path, name: &str) -> Result<()> {
+        save(dir, name, self)
+    }
+}
+
+/// What is drawn both as an SVG and as a PNG.
+pub(super) trait Figure {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
+}
+
+/// What drawing returns.
+pub(super) type Drawn<B> =
+    std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+/// Draws `figure` to `NAME.svg` and `NAME.png`.
+pub(super) fn save(dir: &Path, name: &str, figure: &impl Figure) -> Result<()> {
+    static FONTS: Once = Once::new();
+    FONTS.call_once(|| {
+        // The fonts are part of the program; without them a chart has no letters and says so.
+        let styles = [
+            (FontStyle::Normal, notosans::REGULAR_TTF),
+            (FontStyle::Bold, notosans::BOLD_TTF),
+        ];
+        for (style, bytes) in styles {
+            plotters::style::register_font(FONT, style, bytes).ok();
+        }
+    });
+    let failed = |what: &dyn std::fmt::Display| Error::Input(format!("chart {name}: {what}"));
+    let mut svg = String::new();
+    figure
+        .draw(&SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())
+        .map_err(|e| failed(&e))?;
+    let path = dir.join(format!("{name}.svg"));
+    crate::io::atomic_write(&path, |file| {
+        use std::io::Write;
+        file.write_all(svg.as_bytes()).map_err(Error::io(&path))
+    })?;
+    let mut pixels = vec![255; 3 * (SIZE.0 * SIZE.1) as usize];
+    figure
+        .draw(&BitMapBackend::with_buffer(&mut pixels, SIZE).into_drawing_area())
+        .map_err(|e| failed(&e))?;
+    let opaque = |p: &[u8]| [p[0], p[1], p[2], 255].map(|c| f32::from(c) / 255.0);
+    let picture = Image {
+        size: SIZE.into(),
+        channels: 4,
+        values: pixels.chunks(3).flat_map(opaque).collect(),
+    };
+    picture.save(dir.join(format!("{name}.png")))
+}
+
+impl Figure for Chart {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        area.fill(&WHITE)?;
+        let (left, legend) = area.split_horizontally(SIZE.0 as i32 - LEGEND);
+        let seen = |p: &&[f64; 2]| self.x.shows(p[0]) && self.y.shows(p[1]);
+        let all = || {
+            self.series
+                .iter()
+                .flat_map(|s| s.points.iter().filter(seen))
+        };
+        let (x, y) = (
+            self.x.scale(all().map(|p| p[0])),
+            self.y.scale(all().map(|p| p[1])),
+        );
+        let mut chart = ChartBuilder::on(&left)
+            .caption(&self.title, (FONT, 22))
+            .margin(12)
+            .x_label_area_size(48)
+            .y_label_area_size(74)
+            .build_cartesian_2d(x, y)?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(BLACK.mix(0.12))
+            .label_style((FONT, 15))
+            .axis_desc_style((FONT, 17))
+            .x_desc(&self.x.label)
+            .y_desc(&self.y.label)
+            .x_label_formatter(&|v| super::scale::tick(*v))
+            .y_label_formatter(&|v| super::scale::tick(*v))
+            .draw()?;
+        for (i, series) in self.series.iter().enumerate() {
+            let points: Vec<(f64, f64)> = series
+                .points
+                .iter()
+                .filter(seen)
+                .map(|p| (p[0], p[1]))
+                .collect();
+            let colour = colour(i);
+            match series.look {
+                Look::Line | Look::LineMarks => {
+                    chart.draw_series(LineSeries::new(points.clone(), colour.stroke_width(2)))?;
+                }
+                Look::Dashed => {
+                    let style = colour.stroke_width(2);
+                    chart.draw_series(DashedLineSeries::new(points.clone(), 7, 5, style))?;
+                }
+                Look::Marks | Look::Rings => {}
+            }
+            match series.look {
+                Look::Marks | Look::LineMarks => {
+                    let marks = points
+                        .iter()
+                        .map(|p| EmptyElement::at(*p) + mark(i, (0, 0)));
+                    chart.draw_series(marks)?;
+                }
+                Look::Rings => {
+                    let ring = BLACK.stroke_width(2);
+                    chart.draw_series(points.iter().map(|p| Circle::new(*p, 9, ring)))?;
+                }
+                Look::Line | Look::Dashed => {}
+            }
+        }
+        let keys = self.series.iter().enumerate();
+        for (line, (i, series)) in keys.filter(|(_, s)| !s.name.is_empty()).enumerate() {
+            key(&legend, line, i, series)?;
+        }
+        Ok(())
+    }
+}
+
+/// One line of a legend.
+pub(super) fn key<B: DrawingBackend>(
+    legend: &DrawingArea<B, Shift>,
+    line: usize,
+    i: usize,
+    series: &Series,
+) -> Drawn<B> {
+    let at = (26, 60 + 26 * line as i32);
+    let stroke = colour(i).stroke_width(2);
+    match series.look {
+        Look::Line | Look::LineMarks => legend.draw(&PathElement::new(
+            vec![(at.0 - 16, at.1), (at.0 + 16, at.1)],
+            stroke,
+        ))?,
+        Look::Dashed => {
+            for from in [-16, -4, 8] {
+                let dash = vec![(at.0 + from, at.1), (at.0 + from + 8, at.1)];
+                legend.draw(&PathElement::new(dash, stroke))?;
+            }
+        }
+        Look::Marks | Look::Rings => {}
+    }
+    match series.look {
+        Look::Marks | Look::LineMarks => {
+            legend.draw(&(EmptyElement::at(at) + mark(i, (0, 0))))?;
+        }
+        Look::Rings => legend.draw(&Circle::new(at, 9, BLACK.stroke_width(2)))?,
+        Look::Line | Look::Dashed => {}
+    }
+    words(legend, &series.name, at)
+}
+
+/// The words of a line of a legend.
+pub(super) fn words<B: DrawingBackend>(
+    legend: &DrawingArea<B, Shift>,
+    name: &str,
+    at: (i32, i32),
+) -> Drawn<B> {
+    legend.draw(&Text::new(
+        name.to_owned(),
+        (at.0 + 24, at.1 - 8),
+        (FONT, 15),
+    ))
+}
+
+pub(super) fn colour(i: usize) -> RGBColor {
+    COLOURS[i % COLOURS.len()]
+}
+
+/// The mark of the `i`th series: another shape as well as another colour.
+fn mark(i: usize, at: (i32, i32)) -> Polygon<(i32, i32)> {
+    let shape: &[(i32, i32)] = match i % 6 {
+        // An octagon, which is a disc at this size.
+        0 => &[
+            (2, 5),
+            (5, 2),
+            (5, -2),
+            (2, -5),
+            (-2, -5),
+            (-5, -2),
+            (-5, 2),
+            (-2, 5),
+        ],
+        1 => &[(0, -6), (6, 5), (-6, 5)],
+        2 => &[(-4, -4), (4, -4), (4, 4), (-4, 4)],
+        3 => &[(0, -6), (6, 0), (0, 6), (-6, 0)],
+        4 => &[(0, 6), (6, -5), (-6, -5)],
+        _ => &[
+            (-2, -6),
+            (2, -6),
+            (2, -2),
+            (6, -2),
+            (6, 2),
+            (2, 2),
+            (2, 6),
+            (-2, 6),
+            (-2, 2),
+            (-6, 2),
+            (-6, -2),
+            (-2, -2),
+        ],
+    };
+    let points: Vec<(i32, i32)> = shape.iter().map(|p| (at.0 + p.0, at.1 + p.1)).collect();
+    Polygon::new(points, colour(i).filled())
+}

@@ -1,0 +1,188 @@
+//! The axes of charts: linear or logarithmic, from the values they must hold.
+
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use std::ops::Range;
+
+/// What an axis shows: its label, with the unit, and whether it is logarithmic.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// Name and unit.
+    pub label: String,
+    /// Whether equal lengths are equal ratios.
+    pub log: bool,
+}
+
+impl Axis {
+    /// A linear axis.
+    pub fn linear(label: &str) -> Axis {
+        Axis {
+            label: label.to_owned(),
+            log: false,
+        }
+    }
+
+    /// A logarithmic axis, which leaves out what is not above zero.
+    pub fn log(label: &str) -> Axis {
+        Axis {
+            label: label.to_owned(),
+            log: true,
+        }
+    }
+
+    /// Whether the axis can show `value`.
+    pub(super) fn shows(&self, value: f64) -> bool {
+        value.is_finite() && (!self.log || value > 0.0)
+    }
+
+    /// A scale that holds all of `values`, with a little room around them.
+    pub(super) fn scale(&self, values: impl Iterator<Item = f64>) -> Scale {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for value in values.filter(|v| self.shows(*v)) {
+            low = low.min(value);
+            high = high.max(value);
+        }
+        if low > high {
+            (low, high) = (1.0, 10.0);
+        }
+        if self.log {
+            let room = (0.04 * (high / low).log10()).max(0.05);
+            return Scale {
+                low: low * 10_f64.powf(-room),
+                high: high * 10_f64.powf(room),
+                log: true,
+            };
+        }
+        let room = match high > low {
+            true => 0.04 * (high - low),
+            false => 0.5 * high.abs().max(1.0),
+        };
+        Scale {
+            // An axis of what is never negative begins at zero.
+            low: if low >= 0.0 && low < 4.0 * room {
+                0.0
+            } else {
+                low - room
+            },
+            high: high + room,
+            log: false,
+        }
+    }
+}
+
+/// The part of an axis that a chart shows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scale {
+    pub low: f64,
+    pub high: f64,
+    pub log: bool,
+}
+
+impl Scale {
+    pub fn holds(&self, value: f64) -> bool {
+        (self.low..=self.high).contains(&value)
+    }
+
+    fn decades(&self) -> (f64, f64) {
+        (self.low.log10(), self.high.log10())
+    }
+}
+
+impl Ranged for Scale {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let share = match self.log {
+            true => (value / self.low).ln() / (self.high / self.low).ln(),
+            false => (value - self.low) / (self.high - self.low),
+        };
+        limit.0 + (share * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let most = hint.max_num_points().clamp(2, 10);
+        if self.log {
+            let (low, high) = self.decades();
+            let (first, last) = (low.ceil() as i32, high.floor() as i32);
+            // Under three decades have ticks between them.
+            let within: &[f64] = match last - first {
+                ..=0 => &[1.0, 2.0, 3.0, 5.0],
+                1 | 2 => &[1.0, 3.0],
+                _ => &[1.0],
+            };
+            let every = ((last - first + 1) as usize).div_ceil(most).max(1);
+            let decades =
+                (first - 1..=last).filter(|d| within.len() > 1 || (*d - first) % every as i32 == 0);
+            let ticks = decades.flat_map(|d| within.iter().map(move |w| w * 10_f64.powi(d)));
+            return ticks.filter(|t| self.holds(*t)).collect();
+        }
+        let rough = (self.high - self.low) / most as f64;
+        let decade = 10_f64.powf(rough.log10().floor());
+        let step = [1.0, 2.0, 5.0, 10.0]
+            .map(|s| s * decade)
+            .into_iter()
+            .find(|s| *s >= rough)
+            .unwrap_or(10.0 * decade);
+        let (first, last) = (
+            (self.low / step).ceil() as i64,
+            (self.high / step).floor() as i64,
+        );
+        (first..=last).map(|i| i as f64 * step).collect()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
+    }
+}
+
+impl ValueFormatter<f64> for Scale {
+    fn format_ext(&self, value: &f64) -> String {
+        tick(*value)
+    }
+}
+
+/// A number as a tick shows it: plain where that is short, else by a power of ten.
+pub(super) fn tick(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+        // Rounded, for ticks that are sums.
+        let plain = format!("{value:.4}");
+        return plain.trim_end_matches('0').trim_end_matches('.').to_owned();
+    }
+    let exponent = value.abs().log10().floor() as i32;
+    let digits = value / 10_f64.powi(exponent);
+    let power: String = exponent.to_string().chars().map(raised).collect();
+    match (digits - 1.0).abs() < 1e-6 {
+        true => format!("10{power}"),
+        false => format!("{}·10{power}", (digits * 10.0).round() / 10.0),
+    }
+}
+
+fn raised(digit: char) -> char {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    digit.to_digit(10).map_or('⁻', |d| DIGITS[d as usize])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_short_and_whole() {
+        assert_eq!(tick(0.0), "0");
+        assert_eq!(tick(0.30000000000000004), "0.3");
+        assert_eq!(tick(30_000.0), "30000");
+        assert_eq!(tick(1e-5), "10⁻⁵");
+        assert_eq!(tick(3e6), "3·10⁶");
+    }
+
+    #[test]
+    fn scales_hold_what_they_were_made_of_and_leave_out_what_they_cannot_show() {
+        let values = [1e-4, 3.0, f64::NAN, -1.0, 0.0];
+        let scale = Axis::log("x").scale(values.into_iter());
+        assert!(scale.holds(1e-4) && scale.holds(3.0) && scale.low > 5e-5);
+        let scale = Axis::linear("x").scale([5.0].into_iter());
+        assert!(scale.low < 5.0 && scale.high > 5.0);
+        let scale = Axis::log("x").scale(std::iter::empty());
+        assert!(scale.low < scale.high);
+    }
+}

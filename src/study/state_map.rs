@@ -1,0 +1,163 @@
+//! Maps of what becomes of each cell of a plane of settings.
+
+use super::chart::{Drawn, FONT, Figure, SIZE, Series, key, words};
+use super::scale::{Axis, Scale, tick};
+use crate::Result;
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use std::path::Path;
+
+const LEGEND: i32 = 250;
+/// Light to dark, so that they differ in print too; each state but the first also has a mark.
+const COLOURS: [RGBColor; 5] = [
+    RGBColor(222, 238, 247),
+    RGBColor(240, 228, 66),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 70, 120),
+    RGBColor(150, 150, 150),
+];
+
+/// A plane of two settings, each of its cells in one of a few states, with curves over it.
+#[derive(Clone, Debug)]
+pub struct StateMap {
+    /// What it shows.
+    pub title: String,
+    /// The axis to the right.
+    pub x: Axis,
+    /// The axis upwards.
+    pub y: Axis,
+    /// The cells' places to the right, rising.
+    pub xs: Vec<f64>,
+    /// The cells' places upwards, rising.
+    pub ys: Vec<f64>,
+    /// The names of the states, at most five.
+    pub states: Vec<String>,
+    /// The state of each cell: rows of `ys`, within them `xs`. What is beyond the states is
+    /// left blank.
+    pub cells: Vec<usize>,
+    /// Drawn over the cells where they are inside.
+    pub curves: Vec<Series>,
+}
+
+impl StateMap {
+    /// Draws the map to `NAME.svg` and `NAME.png` in `dir`.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save(&self, dir: &Path, name: &str) -> Result<()> {
+        super::chart::save(dir, name, self)
+    }
+}
+
+/// The borders between cells: halfway, in the measure of the axis.
+fn borders(axis: &Axis, places: &[f64]) -> Vec<f64> {
+    let to = |v: f64| if axis.log { v.ln() } else { v };
+    let from = |v: f64| if axis.log { v.exp() } else { v };
+    let at: Vec<f64> = places.iter().map(|v| to(*v)).collect();
+    let n = at.len();
+    let outer = |a: usize, b: usize| match n {
+        0 | 1 => at
+            .first()
+            .map_or(0.0, |v| v + if a == 0 { -0.5 } else { 0.5 }),
+        _ => 1.5 * at[a] - 0.5 * at[b],
+    };
+    let mut borders = vec![from(match n {
+        0 | 1 => at.first().map_or(0.0, |v| v - 0.5),
+        _ => outer(0, 1),
+    })];
+    borders.extend(at.windows(2).map(|w| from(0.5 * (w[0] + w[1]))));
+    borders.push(from(match n {
+        0 | 1 => at.first().map_or(1.0, |v| v + 0.5),
+        _ => outer(n - 1, n - 2),
+    }));
+    borders
+}
+
+impl Figure for StateMap {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        area.fill(&WHITE)?;
+        let (left, legend) = area.split_horizontally(SIZE.0 as i32 - LEGEND);
+        let (xs, ys) = (borders(&self.x, &self.xs), borders(&self.y, &self.ys));
+        let scale = |axis: &Axis, borders: &[f64]| Scale {
+            low: borders[0],
+            high: borders[borders.len() - 1],
+            log: axis.log,
+        };
+        let (x, y) = (scale(&self.x, &xs), scale(&self.y, &ys));
+        let mut chart = ChartBuilder::on(&left)
+            .caption(&self.title, (FONT, 22))
+            .margin(12)
+            .x_label_area_size(48)
+            .y_label_area_size(74)
+            .build_cartesian_2d(x, y)?;
+        let width = self.xs.len();
+        for (cell, state) in self.cells.iter().enumerate() {
+            let Some(colour) = COLOURS.get(*state).filter(|_| *state < self.states.len()) else {
+                continue;
+            };
+            let (i, j) = (cell % width, cell / width);
+            let corners = [(xs[i], ys[j]), (xs[i + 1], ys[j + 1])];
+            chart.draw_series([Rectangle::new(corners, colour.filled())])?;
+            for stroke in mark(*state) {
+                let centre = EmptyElement::at((self.xs[i], self.ys[j]));
+                let line = PathElement::new(stroke.to_vec(), ink(*state).stroke_width(2));
+                chart.draw_series([centre + line])?;
+            }
+        }
+        chart
+            .configure_mesh()
+            .disable_mesh()
+            .label_style((FONT, 15))
+            .axis_desc_style((FONT, 17))
+            .x_desc(&self.x.label)
+            .y_desc(&self.y.label)
+            .x_label_formatter(&|v| tick(*v))
+            .y_label_formatter(&|v| tick(*v))
+            .draw()?;
+        for (i, curve) in self.curves.iter().enumerate() {
+            let inside = curve
+                .points
+                .iter()
+                .filter(|p| x.holds(p[0]) && y.holds(p[1]));
+            let points: Vec<(f64, f64)> = inside.map(|p| (p[0], p[1])).collect();
+            // White beneath, so that the curve is seen on any state.
+            chart.draw_series(LineSeries::new(points.clone(), WHITE.stroke_width(6)))?;
+            let style = super::chart::colour(6 - i % 7).stroke_width(3);
+            chart.draw_series(DashedLineSeries::new(points, 8, 5, style))?;
+        }
+        for (state, name) in self.states.iter().enumerate() {
+            let at = (26, 60 + 26 * state as i32);
+            let corners = [(at.0 - 14, at.1 - 10), (at.0 + 14, at.1 + 10)];
+            let colour = COLOURS[state % COLOURS.len()];
+            legend.draw(&Rectangle::new(corners, colour.filled()))?;
+            legend.draw(&Rectangle::new(corners, BLACK.mix(0.4)))?;
+            for stroke in mark(state) {
+                let stroke = stroke.map(|p| (p.0 + at.0, p.1 + at.1));
+                legend.draw(&PathElement::new(
+                    stroke.to_vec(),
+                    ink(state).stroke_width(2),
+                ))?;
+            }
+            words(&legend, name, at)?;
+        }
+        for (i, curve) in self.curves.iter().enumerate() {
+            key(&legend, self.states.len() + i, 6 - i % 7, curve)?;
+        }
+        Ok(())
+    }
+}
+
+fn ink(state: usize) -> RGBColor {
+    if state == 3 { WHITE } else { BLACK }
+}
+
+/// The strokes that tell a state without its colour.
+fn mark(state: usize) -> &'static [[(i32, i32); 2]] {
+    match state {
+        1 => &[[(-4, 0), (4, 0)]],
+        2 => &[[(-4, -4), (4, 4)], [(-4, 4), (4, -4)]],
+        3 => &[[(-4, 0), (4, 0)], [(0, -4), (0, 4)]],
+        4 => &[[(0, -5), (0, 5)]],
+        _ => &[],
+    }
+}
