@@ -1,6 +1,6 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
-use super::skin::{self, Dress};
+use super::skin::carrier;
 use super::touch::Knife;
 use super::{Motion, Mover, Scene, Seen};
 use crate::gpu::{Gpu, Recorder};
@@ -48,7 +48,6 @@ pub struct Stage {
     topology: Topology,
     seen: Seen,
     scene: Scene,
-    dresses: Vec<Dress>,
     skins: Vec<Skin>,
     composer: Composer,
     knives: Vec<Knife>,
@@ -129,7 +128,6 @@ impl Stage {
         };
         let (raycaster, surface) = scene.painters(gpu, &mesh, &topology, &seen, actor.nodes())?;
         let size = scene.picture.size.unwrap_or(SIZE);
-        let dresses: Vec<Dress> = scene.skin.iter().map(Dress::new).collect::<Result<_>>()?;
         let mut stage = Stage {
             gpu: gpu.clone(),
             camera: scene.camera(&mesh, size)?,
@@ -146,29 +144,21 @@ impl Stage {
             scene: scene.clone(),
             topology,
             seen,
-            dresses,
             mesh,
             actor,
             raycaster,
             surface,
             notes,
         };
-        stage.put_on_skins()?;
-        for (dress, skin) in stage.dresses.iter().zip(&stage.skins) {
-            stage.notes.extend(dress.notes(skin));
+        if !scene.skin.is_empty() {
+            let carrier = carrier(gpu, &stage.mesh, &mut stage.actor)?;
+            for entry in &scene.skin {
+                let (skin, notes) = entry.put_on(gpu, &carrier)?;
+                stage.skins.push(skin);
+                stage.notes.extend(notes);
+            }
         }
         Ok(stage)
-    }
-
-    /// Binds the skins to the body as it is cut now.
-    fn put_on_skins(&mut self) -> Result<()> {
-        if self.dresses.is_empty() {
-            return Ok(());
-        }
-        let carrier = skin::carrier(&self.gpu, &self.mesh, &mut self.actor)?;
-        let skins = self.dresses.iter().map(|d| d.bind(&self.gpu, &carrier));
-        self.skins = skins.collect::<Result<_>>()?;
-        Ok(())
     }
 
     /// The skins, as the body carries them now.
@@ -189,10 +179,6 @@ impl Stage {
                 "what nothing moves cannot be cut: name a solver".into(),
             ));
         }
-        let mut opened = 0;
-        for (dress, skin) in self.dresses.iter_mut().zip(&self.skins) {
-            opened += dress.open(skin, blade)?;
-        }
         let hit = match &mut self.actor {
             Actor::Posed(_) => false,
             Actor::Moving(motion) => match &mut motion.body {
@@ -212,9 +198,10 @@ impl Stage {
                 Mover::Grid(body) => {
                     let cut = body.cut(blade)?;
                     if cut.tets > 0 {
-                        let nodes = std::mem::take(&mut self.mesh.fields);
-                        self.mesh = body.mesh().clone();
-                        for field in nodes {
+                        let before = std::mem::replace(&mut self.mesh, body.mesh().clone());
+                        self.mesh.region_names = before.region_names;
+                        self.mesh.length_unit = before.length_unit;
+                        for field in before.fields {
                             if field.location == Location::Node {
                                 self.mesh.set_field(field)?;
                             }
@@ -234,8 +221,11 @@ impl Stage {
                 }
             },
         };
-        if hit || opened > 0 {
-            self.put_on_skins()?;
+        if hit && !self.skins.is_empty() {
+            let carrier = carrier(&self.gpu, &self.mesh, &mut self.actor)?;
+            for skin in &mut self.skins {
+                skin.follow_cut(&carrier, blade)?;
+            }
         }
         Ok(hit)
     }

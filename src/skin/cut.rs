@@ -86,6 +86,13 @@ impl Skin {
         };
         let followed: Vec<(Bound, Change)> =
             (0..self.bound.len()).into_par_iter().map(follow).collect();
+        // Grids double no nodes: there, what the blade parts has come apart, and beside its end
+        // whatever went over to different places.
+        let doubled = new.nodes.len() != old.nodes.len();
+        let touch = |v: usize, w: usize| {
+            let others = followed[w].0.nodes;
+            followed[v].0.nodes.iter().any(|n| others.contains(n))
+        };
         let apart = |v: u32, w: u32| {
             let (v, w) = (v as usize, w as usize);
             let moved = [v, w].iter().any(|v| followed[*v].1 == Change::Moved);
@@ -94,8 +101,11 @@ impl Skin {
                 .filter(|(i, j)| self.bound[v].nodes[*i] == self.bound[w].nodes[*j])
                 .map(|(i, j)| (followed[v].0.nodes[i], followed[w].0.nodes[j]))
                 .collect();
-            match moved || shared.is_empty() {
-                true => blade.parts(placed[v].position, placed[w].position),
+            match !doubled || moved || shared.is_empty() {
+                true => {
+                    (moved && !shared.is_empty() && !touch(v, w))
+                        || blade.parts(placed[v].position, placed[w].position)
+                }
                 false => shared.iter().any(|(a, b)| a != b),
             }
         };

@@ -83,12 +83,10 @@ impl GridBody {
             springs[*i] &= !(1 << (2 * k));
             springs[(*i as i64 + offsets[*k]) as usize] &= !(1 << (2 * k + 1));
         }
-        let mut mesh = self.model.shape.mesh(&springs).map_err(|_| {
+        let mesh = self.model.shape.mesh(&springs).map_err(|_| {
             Error::Input("the cut would leave no whole cell of the grid; nothing was cut".into())
         })?;
         let tets = self.mesh.tets.len() - mesh.tets.len();
-        mesh.length_unit = self.mesh.length_unit;
-        mesh.region_names = self.mesh.region_names.clone();
         self.model.springs = springs;
         self.mesh = mesh;
         self.dirty = true;
