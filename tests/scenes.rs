@@ -443,6 +443,60 @@ fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
 }
 
 #[test]
+fn the_walls_of_a_cut_are_drawn_under_its_skin() {
+    let gpu = Gpu::new().unwrap();
+    let entry = format!("[[skin]]\nfile = '{BALL}'\ncolour = [1, 0, 0]\nwall = [0, 1, 0]");
+    for body in [Body::Grid, Body::Tets] {
+        let mut stage = stage(&gpu, body, "skin", &entry);
+        // In two strokes: the walls of the first are still there after the second.
+        let half = |low: f64, high: f64| {
+            let corners = [[-1.0, low], [1.0, low], [1.0, high], [-1.0, high]];
+            Blade::quad(corners.map(|[y, z]| DVec3::new(0.0013, y, z))).unwrap()
+        };
+        let strokes = match body {
+            Body::Grid => vec![half(-1.0, 0.004), half(0.003, 1.0)],
+            // Along the faces of tets, two strokes need not meet.
+            Body::Tets => vec![half(-1.0, 1.0)],
+        };
+        for stroke in &strokes {
+            assert!(stage.cut(stroke).unwrap());
+        }
+        let (piece, pieces) = components(&Topology::new(stage.mesh()));
+        assert_eq!(pieces, 2);
+        let mut side = vec![0.0; stage.mesh().nodes.len()];
+        for (tet, p) in stage.mesh().tets.iter().zip(&piece) {
+            let right = *p != piece[0];
+            tet.iter()
+                .for_each(|v| side[*v as usize] = if right { 1.0 } else { -1.0 });
+        }
+        // As a shell opens, towards the camera.
+        let left: f64 = stage.mesh().tets[0]
+            .iter()
+            .map(|v| stage.mesh().nodes[*v as usize].x)
+            .sum();
+        let turn = |side: f64| DQuat::from_rotation_z(-side * left.signum() * 0.6);
+        let hinge = DVec3::new(0.0013, 0.06, 0.0);
+        let there: Vec<DVec3> = (stage.mesh().nodes.iter().zip(&side))
+            .map(|(p, side)| hinge + turn(*side) * (*p - hinge))
+            .collect();
+        let green = |stage: &mut Stage| {
+            let image = stage.image().unwrap();
+            let is_green = |p: &&[f32]| p[1] > 0.1 && p[0] < 0.05;
+            image.values.chunks_exact(4).filter(is_green).count()
+        };
+        // What little shows when it is closed lies where the skin has opened.
+        let closed = green(&mut stage);
+        stage.pose(&there).unwrap();
+        let open = green(&mut stage);
+        assert!(
+            closed < 300 && open > 3000,
+            "{body:?}: {closed} {open} pixels of wall"
+        );
+        assert_eq!(stage.skins().len(), 2);
+    }
+}
+
+#[test]
 fn what_hits_nothing_is_said_and_harmless() {
     let gpu = Gpu::new().unwrap();
     for body in [Body::Grid, Body::Tets] {

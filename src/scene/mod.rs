@@ -345,6 +345,8 @@ pub struct SkinEntry {
     pub mapping: Option<Mapping>,
     /// Its colour: red, green, blue, from 0 to 1.
     pub colour: Option<[f32; 3]>,
+    /// The colour of the walls that cuts lay bare, in mode `skin`; dark red where nothing is said.
+    pub wall: Option<[f32; 3]>,
     /// A scalar of its vertices that colours it instead.
     pub field: Option<String>,
     /// The preset whose colours that scalar takes; `viridis` where nothing is said.

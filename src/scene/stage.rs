@@ -12,7 +12,7 @@ use crate::render::{
     Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Shading,
     Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
 };
-use crate::skin::{ComposeOptions, Composer, Skin};
+use crate::skin::{ComposeOptions, Composer, Skin, SkinColour};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -23,6 +23,8 @@ const STEPS: u32 = 50;
 
 /// Colour of a surface that shows no field.
 const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
+/// The colour of the walls that cuts lay bare, under a skin.
+const WALL: [f32; 3] = [0.55, 0.12, 0.12];
 
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,7 +163,7 @@ impl Stage {
         Ok(stage)
     }
 
-    /// The skins, as the body carries them now.
+    /// The skins, as the body carries them now; after a cut, in mode `skin`, its walls follow them.
     pub fn skins(&self) -> &[Skin] {
         &self.skins
     }
@@ -223,8 +225,16 @@ impl Stage {
         };
         if hit && !self.skins.is_empty() {
             let carrier = carrier(&self.gpu, &self.mesh, &mut self.actor)?;
+            self.skins.truncate(self.scene.skin.len());
+            let mut walls = Vec::new();
             for skin in &mut self.skins {
-                skin.follow_cut(&carrier, blade)?;
+                walls = skin.follow_cut(&carrier, blade)?.walls;
+            }
+            if self.shown == Shown::Skin && !walls.is_empty() {
+                let mut walls = Skin::bare(&self.gpu, &carrier, Some(&walls))?;
+                let colour = self.scene.skin[0].wall.unwrap_or(WALL);
+                walls.set_colour(&SkinColour::Plain(colour))?;
+                self.skins.push(walls);
             }
         }
         Ok(hit)

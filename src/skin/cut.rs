@@ -18,13 +18,13 @@ pub struct SkinCut {
     pub rebound: usize,
     /// Triangles across the cut, which are not drawn any more.
     pub hidden: usize,
-    /// Base triangles that were not there before: the walls of the cut, in the nodes of the new
-    /// carrier. [`Skin::bare`] draws them.
-    pub laid_bare: Vec<[u32; 3]>,
+    /// Base triangles that were not there before the first cut: the walls of this one and those
+    /// before it, in the nodes of the new carrier. [`Skin::bare`] draws them.
+    pub walls: Vec<[u32; 3]>,
 }
 
 /// Where a triangle's corners are at rest, whatever their order.
-type Key = [[u64; 3]; 3];
+pub(super) type Key = [[u64; 3]; 3];
 
 impl Skin {
     /// Follows its body, which `blade` (file units) has cut where it stands now: goes over to
@@ -52,8 +52,14 @@ impl Skin {
             key.sort_unstable();
             key
         };
-        let before: HashMap<Key, [u32; 3]> = keyed(old.triangles, |t| key(old.nodes, t));
-        let after: HashMap<Key, [u32; 3]> = keyed(new.triangles, |t| key(new.nodes, t));
+        let intact = self.intact.take();
+        let intact =
+            intact.unwrap_or_else(|| old.triangles.iter().map(|t| key(old.nodes, *t)).collect());
+        let after: HashMap<Key, [u32; 3]> = new
+            .triangles
+            .iter()
+            .map(|t| (key(new.nodes, *t), *t))
+            .collect();
         let binder = Binder::new(&new, self.mapping)?;
         let follow = |v: usize| -> (Bound, Change) {
             let bound = self.bound[v];
@@ -124,13 +130,14 @@ impl Skin {
                 .zip(&shown)
                 .filter(|(a, b)| a != b)
                 .count(),
-            laid_bare: new
+            walls: new
                 .triangles
                 .iter()
-                .filter(|t| !before.contains_key(&key(new.nodes, **t)))
+                .filter(|t| !intact.contains(&key(new.nodes, **t)))
                 .copied()
                 .collect(),
         };
+        self.intact = Some(intact);
         self.bound = followed.into_iter().map(|f| f.0).collect();
         let records = records(&self.bound, &self.vertices);
         self.gpu.write_array(&self.records, &records)?;
@@ -155,8 +162,4 @@ enum Change {
 /// A place, exactly; −0 is 0.
 fn bits(p: DVec3) -> [u64; 3] {
     (p + DVec3::ZERO).to_array().map(f64::to_bits)
-}
-
-fn keyed(triangles: &[[u32; 3]], key: impl Fn([u32; 3]) -> Key) -> HashMap<Key, [u32; 3]> {
-    triangles.iter().map(|t| (key(*t), *t)).collect()
 }

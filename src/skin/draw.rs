@@ -3,6 +3,7 @@
 use super::binder::on_node;
 use super::binding::{BindingReport, Mapping, bind};
 use super::carrier::Carrier;
+use super::cut::Key;
 use super::levels::Level;
 use super::report::SkinReport;
 use super::vertices::{Vertices, check};
@@ -15,7 +16,7 @@ use crate::render::{
 };
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 mod gpu_data {
     use crate::render::View;
@@ -47,6 +48,8 @@ pub struct Skin {
     pub(super) shown: Vec<bool>,
     /// Whether it is a body's own surface.
     pub(super) is_bare: bool,
+    /// The base triangles before the first cut, by their places; none before there was one.
+    pub(super) intact: Option<HashSet<Key>>,
     /// What carries it at other levels; none in the place of the level in use.
     pub(super) levels: Vec<Option<Level>>,
     pub(super) level: usize,
@@ -207,6 +210,7 @@ impl Skin {
             scalars,
             mapping,
             is_bare: false,
+            intact: None,
             levels: vec![None],
             level: 0,
             shown: vec![true; vertices.triangles.len()],

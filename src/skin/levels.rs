@@ -68,6 +68,7 @@ impl Skin {
         };
         self.levels[self.level] = Some(kept);
         self.level = level;
+        self.intact = None;
         self.draws.clear();
         Ok(())
     }

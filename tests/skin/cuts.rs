@@ -44,7 +44,7 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
         let done = skin.follow_cut(&carrier, &blade).unwrap();
         let triangles = skin.rest().triangles.len();
         assert!(done.hidden > 50 && done.hidden < triangles / 20, "{done:?}");
-        assert!(done.laid_bare.len() > 10);
+        assert!(done.walls.len() > 10);
         let error = apart(&skin.vertices().unwrap(), &surface.vertices);
         assert!(error < 1e-5, "{mapping}: {error:e}");
         // Apart: each half as it was, and nothing in between.
@@ -77,7 +77,7 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
         // Those that are hidden are the ones that would span the gap.
         assert!(stretched(&|t| !skin.shown()[t]) >= done.hidden);
         // The walls can be seen through the gap.
-        let mut walls = Skin::bare(&gpu, &carrier, Some(&done.laid_bare)).unwrap();
+        let mut walls = Skin::bare(&gpu, &carrier, Some(&done.walls)).unwrap();
         let camera = Camera::perspective(
             DVec3::new(9.5, 4.0, 6.0),
             DVec3::new(4.5, 0.5, 0.5),
@@ -125,5 +125,5 @@ fn a_skin_does_not_go_over_to_another_body() {
     let far = [(90.0, 0.0), (90.0, 1.0), (91.0, 1.0), (91.0, 0.0)];
     let far = Blade::quad(far.map(|(x, y)| DVec3::new(x, y, 0.0))).unwrap();
     let done = skin.follow_cut(&carrier, &far).unwrap();
-    assert_eq!((done.rebound, done.hidden, done.laid_bare.len()), (0, 0, 0));
+    assert_eq!((done.rebound, done.hidden, done.walls.len()), (0, 0, 0));
 }
