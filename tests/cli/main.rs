@@ -241,6 +241,7 @@ fn pictures_of_different_sizes_are_not_compared() {
     assert!(errors.contains("8 x 9"), "{errors}");
 }
 
+/// One of them needs a file of `../shared/data`, and fails by its name without it.
 #[test]
 fn every_scene_that_ships_is_drawn() {
     let folder = folder("scenes");
