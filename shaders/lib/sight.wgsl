@@ -20,3 +20,9 @@ fn off_ray(q: vec3<f32>, sight: Sight) -> vec2<f32> {
 fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {
     return a.x * b.y - a.y * b.x;
 }
+
+// Whether the ray passes on the inner side of the edge from a to b; of two faces that share an
+// edge exactly one says so of a ray that meets it.
+fn inside(w: f32, from_: u32, to: u32) -> bool {
+    return w > 0.0 || (w == 0.0 && from_ < to);
+}

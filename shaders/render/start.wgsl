@@ -118,12 +118,6 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
     return Corner(position, q[0], q[1], q[2], face, layer);
 }
 
-// Whether the ray passes on the inner side of the edge from a to b; of two faces that share an
-// edge exactly one says so of a ray that meets it.
-fn inside(w: f32, from_: u32, to: u32) -> bool {
-    return w > 0.0 || (w == 0.0 && from_ < to);
-}
-
 struct Start {
     // Depth bits and 4 tet + face.
     @location(0) key: vec2<u32>,

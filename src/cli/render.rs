@@ -3,9 +3,12 @@
 use super::flags::{MeasureFlags, SceneFlags};
 use super::{Outcome, progress};
 use clap::Args;
+use glam::DVec2;
 use palpate::gpu::Gpu;
 use palpate::io;
+use palpate::mesh::Location;
 use palpate::scene::Stage;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// Arguments of `render`.
@@ -14,8 +17,12 @@ pub struct RenderArguments {
     /// A mesh, a scene (.toml), or a series of frames (.pvd), of which the last is drawn
     input: PathBuf,
     /// The picture: .png, or .exr for the raw values
-    #[arg(long, short)]
-    out: PathBuf,
+    #[arg(long, short, required_unless_present = "pick")]
+    out: Option<PathBuf>,
+    /// Say as JSON what of the body is seen at the middle of pixel X,Y, counted from 0 at the
+    /// upper left: node, tet, point, region; null where there is nothing
+    #[arg(long, value_parser = pixel)]
+    pick: Option<DVec2>,
     /// Also write the deformed mesh (.vtu)
     #[arg(long)]
     mesh_out: Option<PathBuf>,
@@ -39,17 +46,19 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         stage.run(steps, &mut |done| bar.set_position(u64::from(done)))
     });
     // Also when the simulation failed: its last good state is worth a look.
-    stage.save(&arguments.out)?;
+    if let Some(out) = &arguments.out {
+        stage.save(out)?;
+    }
     if let Some(path) = &arguments.mesh_out {
         io::write(path, &stage.deformed_mesh()?)?;
     }
-    if outcome.is_err() {
-        super::tell(&[format!(
-            "{} shows the last good state",
-            arguments.out.display()
-        )]);
+    if let (Err(_), Some(out)) = (&outcome, &arguments.out) {
+        super::tell(&[format!("{} shows the last good state", out.display())]);
     }
     outcome?;
+    if let Some(pixel) = arguments.pick {
+        println!("{:#}", picked(&stage, pixel)?);
+    }
     if arguments.measure.repeat.is_some() || arguments.measure.report.is_some() {
         let report = stage.measure(arguments.measure.repeat.unwrap_or(1))?;
         match &arguments.measure.report {
@@ -66,4 +75,37 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         }
     }
     Ok(Outcome::Done)
+}
+
+/// What is seen at `pixel`, or null.
+fn picked(stage: &Stage, pixel: DVec2) -> palpate::Result<Value> {
+    let Some(pick) = stage.pick(pixel)? else {
+        return Ok(Value::Null);
+    };
+    let mesh = stage.mesh();
+    let label = mesh
+        .field("label", Location::Cell)
+        .and_then(|field| field.values.get(pick.tet as usize))
+        .map(|label| *label as i64);
+    let name = label.and_then(|label| mesh.region_names.get(&label));
+    Ok(json!({
+        "node": pick.node,
+        "tet": pick.tet,
+        "face": pick.face,
+        "point": pick.point.to_array(),
+        "distance": pick.distance,
+        "label": label,
+        "region": name,
+    }))
+}
+
+/// The middle of a pixel.
+fn pixel(text: &str) -> Result<DVec2, String> {
+    let expected = || "X,Y in pixels is expected, 512,384 for example".to_owned();
+    let (x, y) = text.split_once(',').ok_or_else(expected)?;
+    let (x, y): (u32, u32) = match (x.trim().parse(), y.trim().parse()) {
+        (Ok(x), Ok(y)) => (x, y),
+        _ => return Err(expected()),
+    };
+    Ok(DVec2::new(f64::from(x), f64::from(y)) + 0.5)
 }

@@ -1,5 +1,6 @@
 //! What the GPU is held against: the same quantities in float64 on the CPU.
 
+mod first_hit;
 pub mod grid;
 mod ray_integral;
 pub mod skin;
@@ -7,5 +8,6 @@ pub mod springs;
 pub mod steppers;
 mod tet_geometry;
 
+pub use first_hit::{Hit, first_hit};
 pub use ray_integral::{RayReference, Segment, segment_integral};
 pub use tet_geometry::{tet_gradient, tet_planes};

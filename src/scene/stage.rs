@@ -9,12 +9,12 @@ use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
 use crate::physics::grid::GridShape;
 use crate::physics::{Nodes, SolverKind};
 use crate::render::{
-    Background, BitDepth, Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Shading,
+    Background, BitDepth, Camera, Geometry, Image, Mode, Pick, RaycastOptions, Raycaster, Shading,
     Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
 };
 use crate::skin::{ComposeOptions, Composer, Skin, SkinColour};
 use crate::{Error, Result};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 /// Picture size where a scene does not say.
 const SIZE: [u32; 2] = [1024, 768];
@@ -330,6 +330,17 @@ impl Stage {
             self.drawn_version = version;
             self.raycaster.geometry_mut().moved();
         }
+    }
+
+    /// What is seen of the body's boundary at the point `pixel` of the picture, where the body is
+    /// now; none where the ray through it misses. Reads 36 bytes back.
+    ///
+    /// # Errors
+    /// As [`Geometry::pick`].
+    pub fn pick(&self, pixel: DVec2) -> Result<Option<Pick>> {
+        self.raycaster
+            .geometry()
+            .pick(&self.camera, pixel, self.size)
     }
 
     /// The picture, as the scene describes it.

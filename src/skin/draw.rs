@@ -431,6 +431,20 @@ impl Skin {
     /// # Errors
     /// When the device refuses.
     pub fn placed(&self) -> Result<Vec<Placed>> {
+        let texels: Vec<[f32; 4]> = self.gpu.read_array(&self.placed_array()?)?;
+        let vector = |t: [f32; 4]| Vec3::new(t[0], t[1], t[2]);
+        Ok(texels
+            .chunks_exact(3)
+            .map(|t| Placed {
+                position: self.carrier.frame.to_file(vector(t[0])),
+                normal: vector(t[1]).as_dvec3(),
+                tangent: vector(t[2]).as_dvec3(),
+            })
+            .collect())
+    }
+
+    /// The same on the GPU, in the local frame: three items a vertex.
+    pub(super) fn placed_array(&self) -> Result<Array> {
         let count = self.bound.len() as u32;
         let result = self
             .gpu
@@ -448,16 +462,7 @@ impl Skin {
         self.carrier.record_normals(&mut work);
         place.record(&mut work);
         work.submit()?;
-        let texels: Vec<[f32; 4]> = self.gpu.read_array(&result)?;
-        let vector = |t: [f32; 4]| Vec3::new(t[0], t[1], t[2]);
-        Ok(texels
-            .chunks_exact(3)
-            .map(|t| Placed {
-                position: self.carrier.frame.to_file(vector(t[0])),
-                normal: vector(t[1]).as_dvec3(),
-                tangent: vector(t[2]).as_dvec3(),
-            })
-            .collect())
+        Ok(result)
     }
 
     /// The surface's vertices where the nodes have carried them, in file units and in the order of

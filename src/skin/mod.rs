@@ -15,6 +15,7 @@ mod draw;
 mod levels;
 mod look;
 mod map;
+mod pick;
 mod report;
 mod vertices;
 
@@ -26,5 +27,6 @@ pub use cut::SkinCut;
 pub use draw::Skin;
 pub use look::SkinColour;
 pub use map::Map;
+pub use pick::SkinPick;
 pub use report::SkinReport;
 pub use vertices::Vertices;

@@ -4,6 +4,7 @@
 
 mod bake;
 mod mesh;
+mod pick;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -300,7 +301,7 @@ fn every_example_runs() {
         .output();
     stdout(&build.unwrap());
     let built = profile.join("examples");
-    let runs: [(&str, &[&str]); 7] = [
+    let runs: [(&str, &[&str]); 8] = [
         ("quickstart", &[]),
         ("own_device", &[]),
         ("other_engine", &["twist"]),
@@ -308,6 +309,7 @@ fn every_example_runs() {
         ("grid_body", &[]),
         ("skin", &[]),
         ("cut", &[]),
+        ("pick", &[]),
     ];
     for (example, arguments) in runs {
         let output = Command::new(built.join(example))
@@ -324,6 +326,7 @@ fn every_example_runs() {
         "grid_body.png",
         "skin.png",
         "cut.png",
+        "pick.png",
     ] {
         assert!(folder.join(picture).exists(), "{picture}");
     }

@@ -8,6 +8,7 @@ mod geometry;
 mod golden;
 mod inside;
 mod peeling;
+mod picks;
 mod pictures;
 mod surface;
 mod table;

@@ -6,5 +6,6 @@ mod common;
 mod cuts;
 mod levels;
 mod mapping;
+mod picks;
 mod pictures;
 mod twin;

@@ -84,7 +84,7 @@ pub struct Geometry {
     inverted: wgpu::Buffer,
     count_inverted: Pass,
     /// Where each tet of the mesh is kept.
-    place: Vec<u32>,
+    pub(super) place: Vec<u32>,
     /// Counts cuts: what is prepared for its arrays is made for one generation.
     pub(super) generation: u64,
     /// Counts the changes of the positions, and the one that the records were made for.

@@ -1,0 +1,106 @@
+// The first of a list of triangles that one ray meets, from either side, and where. With the
+// arithmetic of the rays' starts, so that what is picked is what the pixel shows. The twin of
+// `reference::first_hit`.
+//
+// Three passes over the same bindings: how near, then which, then where.
+
+#import lib/array
+#import lib/view
+#import lib/sight
+
+// 0: the smallest z. 1: the first triangle there. 2: weights, place and nearest corner in it.
+override STAGE: u32 = 0u;
+// Texels from one position to the next.
+override STRIDE: u32 = 1u;
+// Steps of a float by which two passes may differ in the same z.
+const ROUNDING: u32 = 4u;
+
+struct Pick {
+    view: View,
+    pixel: vec2<f32>,
+    triangles: u32,
+    _pad: u32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+// Three corners each.
+@group(0) @binding(1) var triangles: texture_2d<u32>;
+// Nearest z, in an order that suits unsigned numbers; triangle; weights; place; nearest corner.
+@group(0) @binding(2) var<storage, read_write> found: array<atomic<u32>, 9>;
+@group(0) @binding(3) var<uniform> params: Pick;
+
+fn position(i: u32) -> vec3<f32> {
+    return textureLoad(positions, at(STRIDE * i), 0).xyz;
+}
+
+// Smaller floats have smaller keys.
+fn key(z: f32) -> u32 {
+    let bits = bitcast<u32>(z);
+    return bits ^ select(0x80000000u, 0xffffffffu, (bits & 0x80000000u) != 0u);
+}
+
+struct Hit {
+    weights: vec3<f32>,
+    z: f32,
+    found: bool,
+}
+
+fn meet(corners: vec3<u32>) -> Hit {
+    let qa = to_camera(params.view, position(corners.x));
+    let qb = to_camera(params.view, position(corners.y));
+    let qc = to_camera(params.view, position(corners.z));
+    let sight = sight_at(params.view, params.pixel);
+    let a = off_ray(qa, sight);
+    let b = off_ray(qb, sight);
+    let c = off_ray(qc, sight);
+    let w = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
+    let sum = w.x + w.y + w.z;
+    let front = inside(w.x, corners.y, corners.z) && inside(w.y, corners.z, corners.x)
+        && inside(w.z, corners.x, corners.y);
+    let back = inside(-w.x, corners.z, corners.y) && inside(-w.y, corners.x, corners.z)
+        && inside(-w.z, corners.y, corners.x);
+    let weights = w / sum;
+    let z = dot(weights, vec3(qa.z, qb.z, qc.z));
+    return Hit(weights, z, select(back, front, sum > 0.0) && abs(sum) > 0.0 && z >= params.view.near);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if STAGE == 2u {
+        let nearest = atomicLoad(&found[1]);
+        if i == 0u && nearest < params.triangles {
+            tell(textureLoad(triangles, at(nearest), 0).xyz);
+        }
+        return;
+    }
+    if i >= params.triangles {
+        return;
+    }
+    let hit = meet(textureLoad(triangles, at(i), 0).xyz);
+    if !hit.found {
+        return;
+    }
+    if STAGE == 0u {
+        atomicMin(&found[0], key(hit.z));
+    } else if key(hit.z) - atomicLoad(&found[0]) <= ROUNDING {
+        atomicMin(&found[1], i);
+    }
+}
+
+fn tell(corners: vec3<u32>) {
+    let w = meet(corners).weights;
+    let p = array(position(corners.x), position(corners.y), position(corners.z));
+    let place = w.x * p[0] + w.y * p[1] + w.z * p[2];
+    var nearest = 0u;
+    for (var k = 1u; k < 3u; k++) {
+        if distance(p[k], place) < distance(p[nearest], place) {
+            nearest = k;
+        }
+    }
+    for (var k = 0u; k < 3u; k++) {
+        atomicStore(&found[2u + k], bitcast<u32>(w[k]));
+        atomicStore(&found[5u + k], bitcast<u32>(place[k]));
+    }
+    atomicStore(&found[8], nearest);
+}

@@ -1,0 +1,171 @@
+//! Picking: from a pixel to the node, tet and point of the surface that are seen there.
+//!
+//! One ray is held against every triangle of the boundary where its nodes are now, with the sign
+//! tests that the raycaster starts its rays by. What comes back is 36 bytes.
+
+use super::geometry::Geometry;
+use super::view::{LocalView, View, Window};
+use super::{Camera, Ray};
+use crate::gpu::{Array, Gpu};
+use crate::mesh::{FACES, LocalFrame};
+use crate::{Error, Result};
+use glam::{DVec2, DVec3, Vec3};
+
+mod gpu_data {
+    use super::View;
+    crate::gpu_struct! {
+        /// See `shaders/render/pick.wgsl`.
+        pub(super) struct Pick {
+            pub view: View,
+            pub pixel: [f32; 2],
+            pub triangles: u32,
+            pub _pad: u32,
+        }
+    }
+}
+
+/// What a pixel shows of the boundary of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pick {
+    /// The nearest to the point of the face's three nodes.
+    pub node: u32,
+    /// The tet that the face bounds, as numbered in the mesh.
+    pub tet: u32,
+    /// Which of its faces: opposite corner 0, 1, 2 or 3.
+    pub face: u32,
+    /// The face's nodes, counter-clockwise seen from outside.
+    pub nodes: [u32; 3],
+    /// Their weights at the point; the sum is 1.
+    pub weights: [f64; 3],
+    /// Where the ray meets the face, in file units.
+    pub point: DVec3,
+    /// How far along the ray that is from its origin, in file units.
+    pub distance: f64,
+}
+
+/// What a ray meets first of a list of triangles.
+pub(crate) struct FirstHit {
+    /// Its place in the list.
+    pub triangle: u32,
+    /// Weights of its corners.
+    pub weights: [f64; 3],
+    /// Where, in file units.
+    pub point: DVec3,
+    /// The nearest corner: 0, 1 or 2.
+    pub corner: usize,
+    /// Along the ray, in file units.
+    pub distance: f64,
+}
+
+/// Words that the shader finds.
+const FOUND: usize = 9;
+
+impl Geometry {
+    /// What is seen of the boundary at the point `pixel` of a picture of `size` pixels, where the
+    /// nodes are now: the face that the ray through it ([`Camera::ray`]) meets first, from
+    /// either side; none where it misses. Waits and reads 36 bytes back: for the start of a
+    /// grab, not for every frame.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a bad camera, or a point that does not lie in the picture;
+    /// [`Error::Gpu`] when the device refuses.
+    pub fn pick(&self, camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<Option<Pick>> {
+        let looked = Look {
+            camera,
+            pixel,
+            size,
+            frame: &self.frame,
+        };
+        let hit = looked.first_hit(&self.gpu, &self.positions, 1, &self.boundary)?;
+        Ok(hit.and_then(|hit| {
+            let [a, b, c, code] = *self.boundary_faces.get(hit.triangle as usize)?;
+            let nodes = [a, b, c];
+            // Tets are kept in another order than the mesh has them.
+            let tet = self.place.iter().position(|slot| *slot == code / 4)?;
+            Some(Pick {
+                node: nodes[hit.corner],
+                tet: tet as u32,
+                face: code % FACES.len() as u32,
+                nodes,
+                weights: hit.weights,
+                point: hit.point,
+                distance: hit.distance,
+            })
+        }))
+    }
+}
+
+/// A ray through a point of a picture, and the local frame of what it is to meet.
+pub(crate) struct Look<'a> {
+    pub camera: &'a Camera,
+    pub pixel: DVec2,
+    pub size: [u32; 2],
+    pub frame: &'a LocalFrame,
+}
+
+impl Look<'_> {
+    /// The first of `triangles` (rgba32uint, three corners) that the ray meets; corner i is at
+    /// item `stride` i of `positions`. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Geometry::pick`].
+    pub fn first_hit(
+        &self,
+        gpu: &Gpu,
+        positions: &Array,
+        stride: u32,
+        triangles: &Array,
+    ) -> Result<Option<FirstHit>> {
+        self.camera.check()?;
+        let picture = DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]));
+        let inside = self.pixel.cmpge(DVec2::ZERO) & self.pixel.cmple(picture);
+        if !inside.all() {
+            return Err(Error::Input(format!(
+                "{} is no point of a picture of {} × {} pixels",
+                self.pixel, self.size[0], self.size[1]
+            )));
+        }
+        let view = LocalView::new(self.camera, self.frame, Window::whole(self.size));
+        let params = gpu_data::Pick {
+            view: view.to_gpu(),
+            pixel: self.pixel.as_vec2().to_array(),
+            triangles: triangles.len(),
+            _pad: 0,
+        };
+        let mut nothing = [0; FOUND];
+        nothing[..2].fill(u32::MAX);
+        let found = gpu.buffer_of("what a ray meets", &nothing)?;
+        let mut work = gpu.record();
+        for (stage, items) in [(0, triangles.len()), (1, triangles.len()), (2, 1)] {
+            gpu.pass("render/pick")
+                .constant("STAGE", f64::from(stage))
+                .constant("STRIDE", f64::from(stride))
+                .read(positions)
+                .read(triangles)
+                .write(&found)
+                .params(&params)
+                .over(items)?
+                .record(&mut work);
+        }
+        work.submit()?;
+        let found: Vec<u32> = gpu.read_buffer(&found)?;
+        Ok(self.told(&found, triangles.len()))
+    }
+
+    fn told(&self, found: &[u32], triangles: u32) -> Option<FirstHit> {
+        let &[_, triangle, a, b, c, x, y, z, corner] = found else {
+            return None;
+        };
+        let float = |bits: u32| f32::from_bits(bits);
+        let place = Vec3::new(float(x), float(y), float(z));
+        let point = self.frame.to_file(place);
+        let Ray { origin, direction } = self.camera.ray(self.pixel, self.size);
+        (triangle < triangles).then(|| FirstHit {
+            triangle,
+            weights: [a, b, c].map(|w| f64::from(float(w))),
+            point,
+            corner: corner.min(2) as usize,
+            distance: (point - origin).dot(direction),
+        })
+    }
+}
