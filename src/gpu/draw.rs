@@ -203,6 +203,19 @@ impl Draw {
         pass.draw_indexed(0..count, 0, 0..1);
     }
 
+    /// As [`Draw::record_indexed`], with the five u32 arguments that stand in `arguments`.
+    pub fn record_indexed_indirect(
+        &self,
+        pass: &mut wgpu::RenderPass,
+        indices: &wgpu::Buffer,
+        arguments: &wgpu::Buffer,
+    ) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.bind_group, &[]);
+        pass.set_index_buffer(indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed_indirect(arguments, 0);
+    }
+
     /// Records a draw whose four u32 arguments stand in `arguments` at byte `offset`.
     pub fn record_indirect(
         &self,

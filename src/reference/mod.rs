@@ -1,5 +1,6 @@
 //! What the GPU is held against: the same quantities in float64 on the CPU.
 
+pub mod culling;
 mod first_hit;
 pub mod grid;
 mod ray_integral;

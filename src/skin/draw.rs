@@ -3,6 +3,7 @@
 use super::binder::on_node;
 use super::binding::{BindingReport, Mapping, bind};
 use super::carrier::Carrier;
+use super::cull::Cull;
 use super::cut::Key;
 use super::levels::Level;
 use super::report::SkinReport;
@@ -65,6 +66,9 @@ pub struct Skin {
     no_depth: wgpu::TextureView,
     sampler: wgpu::Sampler,
     pub(super) draws: HashMap<Variant, Draw>,
+    culling: bool,
+    /// Made for the present carrier and the triangles shown.
+    pub(super) cull: Option<Cull>,
 }
 
 /// What a prepared draw depends on.
@@ -230,6 +234,8 @@ impl Skin {
                 ..Default::default()
             }),
             draws: HashMap::new(),
+            culling: false,
+            cull: None,
         })
     }
 
@@ -272,17 +278,47 @@ impl Skin {
             )));
         }
         self.shown.copy_from_slice(shown);
-        let triangles = self.vertices.triangles.iter().zip(shown);
-        let kept: Vec<u32> = triangles
-            .filter(|(_, shown)| **shown)
-            .flat_map(|(t, _)| *t)
-            .collect();
+        let kept = self.shown_triangles().into_flattened();
         self.corners = kept.len() as u32;
+        self.cull = None;
         if !kept.is_empty() {
             let bytes = bytemuck::cast_slice(&kept);
             self.gpu.queue().write_buffer(&self.indices, 0, bytes);
         }
         Ok(())
+    }
+
+    /// Whether triangles are left out, from now on, before their vertices are computed: those that
+    /// lie outside the picture, and of a closed skin those that face away, by the normals and the
+    /// strain of the nodes that carry them and by how much they were tilted against them at rest.
+    /// What is drawn looks the same. Translucent skins are drawn whole, and so is what is bound to
+    /// a node without a normal. It pays for large skins on coarser bodies; off to begin with.
+    pub fn set_culling(&mut self, on: bool) {
+        self.culling = on;
+        self.cull = None;
+    }
+
+    /// The triangles of [`Skin::rest`] that the last recording draws, without those culled. Waits
+    /// and reads back.
+    ///
+    /// # Errors
+    /// When the device refuses.
+    pub fn drawn(&self) -> Result<Vec<[u32; 3]>> {
+        match &self.cull {
+            Some(cull) => cull.listed(&self.gpu),
+            None => Ok(self.shown_triangles()),
+        }
+    }
+
+    fn shown_triangles(&self) -> Vec<[u32; 3]> {
+        let triangles = self.vertices.triangles.iter().zip(&self.shown);
+        triangles.filter(|(_, s)| **s).map(|(t, _)| *t).collect()
+    }
+
+    /// Whether nothing behind its outer side can be seen.
+    fn is_closed(&self) -> bool {
+        let whole = self.corners as usize == 3 * self.vertices.triangles.len();
+        whole && self.report.open_edges == 0 && self.report.nonmanifold_edges == 0
     }
 
     /// Records the drawing of the skin at the positions of that moment. An opaque one replaces
@@ -369,6 +405,18 @@ impl Skin {
             return Ok(());
         };
         draw.set_params(&self.gpu, &params);
+        let culls = self.culling && self.opacity >= 1.0 && how.behind.is_none();
+        let cull = match culls && self.corners > 0 {
+            true => {
+                let cull = match self.cull.take() {
+                    Some(cull) => cull,
+                    None => self.new_cull()?,
+                };
+                cull.record(&self.gpu, work, params.view, self.is_closed());
+                Some(&*self.cull.insert(cull))
+            }
+            false => None,
+        };
         let colour_load = match target.background {
             Some(c) => {
                 let [r, g, b, a] = c.map(f64::from);
@@ -390,10 +438,18 @@ impl Skin {
         };
         let colour = [attachment(target.colour, colour_load)];
         let mut pass = work.render_pass("skin/draw", &colour, Some(depth));
-        if self.corners > 0 {
-            draw.record_indexed(&mut pass, &self.indices, self.corners);
+        match cull {
+            Some(cull) => draw.record_indexed_indirect(&mut pass, &cull.drawn, &cull.arguments),
+            None if self.corners == 0 => {}
+            None => draw.record_indexed(&mut pass, &self.indices, self.corners),
         }
         Ok(())
+    }
+
+    fn new_cull(&self) -> Result<Cull> {
+        let shown = self.shown_triangles();
+        let (carrier, bound) = (&self.carrier, &self.bound);
+        Cull::new(&self.gpu, carrier, bound, &shown, &self.indices)
     }
 
     /// Which triangles of the surface are drawn.

@@ -70,6 +70,7 @@ impl Skin {
         self.level = level;
         self.intact = None;
         self.draws.clear();
+        self.cull = None;
         Ok(())
     }
 

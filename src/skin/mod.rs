@@ -10,6 +10,7 @@ mod binder;
 mod binding;
 mod carrier;
 mod composer;
+mod cull;
 mod cut;
 mod draw;
 mod levels;

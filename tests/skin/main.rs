@@ -3,6 +3,7 @@
 
 mod bake;
 mod common;
+mod culling;
 mod cuts;
 mod levels;
 mod mapping;

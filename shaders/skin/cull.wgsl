@@ -1,0 +1,58 @@
+// Which triangles of a skin are drawn, a bit each, 32 an invocation. A triangle is left out where
+// no vertex of it is needed to know that it faces away or lies outside the picture. The twin of
+// `reference::culling::is_skipped`.
+
+#import lib/array
+
+struct Cull {
+    triangles: u32,
+    // Whether what faces away is hidden: an opaque skin without holes.
+    closed: u32,
+}
+
+// A right angle and a little slack, in radians.
+const AWAY: f32 = 1.5707964 + 0.035;
+
+// Base triangles of the three vertices, and the tangent of half the largest angle at rest between
+// the triangle's normal and those that carry it.
+@group(0) @binding(0) var triangles: texture_2d<u32>;
+@group(0) @binding(1) var outlooks: texture_2d<u32>;
+@group(0) @binding(2) var<storage, read> arguments: array<u32, 6>;
+// For every 32 triangles: which are drawn, and how many before them (by `cull_scan`).
+@group(0) @binding(3) var<storage, read_write> marks: array<u32>;
+@group(0) @binding(4) var<uniform> params: Cull;
+
+fn is_skipped(i: u32, closed: bool) -> bool {
+    let triangle = textureLoad(triangles, at(i), 0);
+    var outlook = textureLoad(outlooks, at(triangle.x), 0);
+    var sides = outlook.z;
+    var least = bitcast<f32>(outlook.x);
+    var strain = bitcast<f32>(outlook.y);
+    for (var k = 1u; k < 3u; k++) {
+        if triangle[k] != triangle.x {
+            outlook = textureLoad(outlooks, at(triangle[k]), 0);
+            sides &= outlook.z;
+            least = min(least, bitcast<f32>(outlook.x));
+            strain = max(strain, bitcast<f32>(outlook.y));
+        }
+    }
+    if sides != 0u {
+        return true;
+    }
+    // A strain s turns an angle a into one of at most 2 atan(s tan(a / 2)).
+    return closed && least > AWAY && least > AWAY + 2.0 * atan(strain * bitcast<f32>(triangle.w));
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let run = item(id, groups);
+    if 32u * run >= params.triangles {
+        return;
+    }
+    let closed = params.closed != 0u && arguments[5] == 0u;
+    var mask = 0u;
+    for (var k = 0u; k < min(32u, params.triangles - 32u * run); k++) {
+        mask |= u32(!is_skipped(32u * run + k, closed)) << k;
+    }
+    marks[2u * run] = mask;
+}

@@ -1,0 +1,120 @@
+// How each base triangle stands to the eye: the least angle between the direction to the eye and
+// the normals that carry the skin on it, how much it strains what it carries, and the sides of
+// the picture that it lies beyond. Once a picture. The twin of `reference::culling::outlook`.
+
+#import lib/array
+#import lib/normals
+#import lib/view
+
+// Strains are bounded, so that products with them stay finite.
+const MOST_STRAIN: f32 = 1e6;
+const MOST_BEND: f32 = 0.999;
+
+struct CullBase {
+    view: View,
+    triangles: u32,
+    _pad0: u32,
+    _pad1: u32,
+    _pad2: u32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var node_normals: texture_2d<u32>;
+// Two texels each: nodes, and how far vertices stand off at most; inverse of the squared edges at rest (xx, xy, yy),
+// and 1 / (1 - bend) there.
+@group(0) @binding(2) var base: texture_2d<u32>;
+// Angle, strain, sides.
+@group(0) @binding(3) var outlooks: texture_storage_2d<rgba32uint, write>;
+// Draw arguments, and whether something lies behind the near plane: the eye may be inside.
+@group(0) @binding(4) var<storage, read_write> arguments: array<atomic<u32>, 6>;
+@group(0) @binding(5) var<uniform> params: CullBase;
+
+fn to_eye(q: vec3<f32>) -> vec3<f32> {
+    let view = params.view;
+    return select(vec3(0.0, 0.0, -1.0), vec3(0.0, 0.0, -view.depth.w) - q, view.depth.z > 0.0);
+}
+
+// The angle between two vectors of any length.
+fn angle(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return atan2(length(cross(a, b)), dot(a, b));
+}
+
+fn turned(v: vec3<f32>) -> vec3<f32> {
+    let view = params.view;
+    return vec3(dot(view.right.xyz, v), dot(view.up.xyz, v), dot(view.forward.xyz, v));
+}
+
+// How far the plane of normal n through q leaves behind it all within `reach`.
+fn beyond(value: f32, slope: vec3<f32>, reach: f32) -> bool {
+    return value < -reach * length(slope);
+}
+
+fn sides(q: vec3<f32>, reach: f32) -> u32 {
+    let view = params.view;
+    let w = view.depth.z * q.z + view.depth.w;
+    let x = view.clip.x * q.x;
+    let y = view.clip.y * q.y;
+    let right = beyond((1.0 - view.clip.z) * w - x, vec3(-view.clip.x, 0.0, (1.0 - view.clip.z) * view.depth.z), reach);
+    let left = beyond((1.0 + view.clip.z) * w + x, vec3(view.clip.x, 0.0, (1.0 + view.clip.z) * view.depth.z), reach);
+    let top = beyond((1.0 - view.clip.w) * w - y, vec3(0.0, -view.clip.y, (1.0 - view.clip.w) * view.depth.z), reach);
+    let bottom = beyond((1.0 + view.clip.w) * w + y, vec3(0.0, view.clip.y, (1.0 + view.clip.w) * view.depth.z), reach);
+    let behind = q.z + reach < view.near;
+    return u32(right) | u32(left) << 1u | u32(top) << 2u | u32(bottom) << 3u | u32(behind) << 4u;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.triangles {
+        return;
+    }
+    let nodes = textureLoad(base, at(2u * i), 0);
+    let rest = bitcast<vec4<f32>>(textureLoad(base, at(2u * i + 1u), 0));
+    let offset = bitcast<f32>(nodes.w);
+    var p: array<vec3<f32>, 3>;
+    var n: array<vec3<f32>, 3>;
+    var known = true;
+    for (var k = 0u; k < 3u; k++) {
+        p[k] = textureLoad(positions, at(nodes[k]), 0).xyz;
+        let packed = textureLoad(node_normals, at(nodes[k]), 0).x;
+        known = known && packed != NO_NORMAL;
+        n[k] = unpack_normal(packed);
+    }
+    let u = p[1] - p[0];
+    let v = p[2] - p[0];
+    let edges = vec3(dot(u, u), dot(v - u, v - u), dot(v, v));
+    let longest = sqrt(max(edges.x, max(edges.y, edges.z)));
+    let shortest = sqrt(min(edges.x, min(edges.y, edges.z)));
+    let reach = offset + longest;
+
+    // The squares of the principal stretches are the eigenvalues of (edges at rest)⁻¹ (edges now).
+    let uv = dot(u, v);
+    let trace = rest.x * edges.x + 2.0 * rest.y * uv + rest.z * edges.z;
+    let det = (rest.x * rest.z - rest.y * rest.y) * (edges.x * edges.z - uv * uv);
+    let root = sqrt(max(trace * trace - 4.0 * det, 0.0));
+    let largest = 0.5 * (trace + root);
+    let smallest = det / max(largest, 1e-30);
+    let stretch = sqrt(max(largest, 1.0) / max(min(smallest, 1.0), 1e-12));
+    // What stands off a bent triangle is strained by the bend too.
+    let turn = max(angle(n[0], n[1]), max(angle(n[1], n[2]), angle(n[2], n[0])));
+    let bend = min(offset * turn / max(shortest, 1e-30), MOST_BEND);
+    let strain = min(stretch * rest.w / (1.0 - bend), MOST_STRAIN);
+
+    let face = turned(cross(u, v));
+    var least = 4.0;
+    for (var k = 0u; k < 3u; k++) {
+        let eye = to_eye(to_camera(params.view, p[k]));
+        // Seen from another place within reach, the eye is in another direction.
+        var aside = 0.0;
+        if params.view.depth.z > 0.0 {
+            aside = asin(min(reach / max(length(eye), 1e-30), 1.0));
+        }
+        least = min(least, min(angle(turned(n[k]), eye), angle(face, eye)) - aside);
+    }
+    let q = to_camera(params.view, p[0]);
+    if q.z - reach < params.view.near {
+        atomicStore(&arguments[5], 1u);
+    }
+    let angle_ = select(-1.0, least, known);
+    textureStore(outlooks, at(i), vec4(bitcast<u32>(angle_), bitcast<u32>(strain), sides(q, reach), 0u));
+}

@@ -1,0 +1,207 @@
+//! Which triangles of a skin are not worth drawing, by the nodes that carry them, in float64: the
+//! twin of `shaders/skin/cull_base.wgsl` and `shaders/skin/cull.wgsl`.
+//!
+//! A triangle faces away for certain if all normals that carry it do, by more than it is tilted
+//! against them. It was tilted by an angle a at rest; a strain s, the ratio of the largest to the
+//! smallest stretch, turns that into an angle of at most 2 atan(s tan(a / 2)).
+
+use super::skin::{Bound, place, summed_normal};
+use crate::render::{Camera, Projection};
+use glam::DVec3;
+use std::collections::HashMap;
+
+/// Strains are bounded by this, and bends by less than 1.
+const MOST_STRAIN: f64 = 1e6;
+const MOST_BEND: f64 = 0.999;
+/// A right angle and a little slack.
+const AWAY: f64 = std::f64::consts::FRAC_PI_2 + 0.035;
+
+/// The tilt of a triangle that is always drawn, unless it is outside the picture.
+const ANY_WAY: f64 = 1e20;
+/// How far vertices beyond the rim of their triangle are thought to move when it is stretched,
+/// at most.
+const STRETCHED: f64 = 2.0;
+/// Squares of areas below this share of an edge's fourth power are of no triangle.
+const NO_AREA: f64 = 1e-20;
+
+/// A base triangle and what it carries, at rest; lengths in one unit, whichever.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CullBase {
+    /// Its nodes.
+    pub nodes: [u32; 3],
+    /// How far vertices stand off from it at most.
+    pub offset: f64,
+    /// The inverse of the matrix of its edges' products at rest: (xx, xy, yy) for the edges from
+    /// the first node to the second and to the third.
+    pub inverse: [f64; 3],
+    /// What [`bend`] makes of it at rest: 1 / (1 − bend).
+    pub bent: f64,
+}
+
+impl CullBase {
+    /// Of the triangle `rest` with `normals` at its nodes, whose vertices stand off up to
+    /// `offset`.
+    pub fn new(nodes: [u32; 3], rest: [DVec3; 3], normals: [DVec3; 3], offset: f64) -> CullBase {
+        let (u, v) = (rest[1] - rest[0], rest[2] - rest[0]);
+        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+        let det = uu * vv - uv * uv;
+        CullBase {
+            nodes,
+            offset,
+            inverse: [vv / det, -uv / det, uu / det],
+            bent: 1.0 / (1.0 - bend(rest, normals, offset)),
+        }
+    }
+}
+
+/// By how much what stands off by `offset` is strained, because the normals turn across the
+/// triangle `p`.
+fn bend(p: [DVec3; 3], n: [DVec3; 3], offset: f64) -> f64 {
+    let sides = [0, 1, 2].map(|k| p[k].distance(p[(k + 1) % 3]));
+    let shortest = sides.into_iter().fold(f64::INFINITY, f64::min);
+    let turns = [0, 1, 2].map(|k| angle(n[k], n[(k + 1) % 3]));
+    let turn = turns.into_iter().fold(0.0, f64::max);
+    (offset * turn / shortest.max(1e-30)).min(MOST_BEND)
+}
+
+fn angle(a: DVec3, b: DVec3) -> f64 {
+    a.cross(b).length().atan2(a.dot(b))
+}
+
+/// How a base triangle stands to the eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outlook {
+    /// The least angle between the direction to the eye and the normals of the nodes and the
+    /// triangle, seen from anywhere on what it carries; −1 where a node has no normal.
+    pub angle: f64,
+    /// The strain of what it carries.
+    pub strain: f64,
+}
+
+/// How `base` stands to `camera`, its nodes being at `nodes` with `normals`.
+pub fn outlook(
+    base: &CullBase,
+    nodes: &[DVec3],
+    normals: &[Option<DVec3>],
+    camera: &Camera,
+) -> Outlook {
+    let p = base.nodes.map(|i| nodes[i as usize]);
+    let n = base.nodes.map(|i| normals[i as usize]);
+    let (u, v) = (p[1] - p[0], p[2] - p[0]);
+    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+    let [xx, xy, yy] = base.inverse;
+    let trace = xx * uu + 2.0 * xy * uv + yy * vv;
+    let det = (xx * yy - xy * xy) * (uu * vv - uv * uv);
+    let largest = 0.5 * (trace + (trace * trace - 4.0 * det).max(0.0).sqrt());
+    let smallest = det / largest.max(1e-30);
+    let stretch = (largest.max(1.0) / smallest.clamp(1e-12, 1.0)).sqrt();
+    let known = n.map(|n| n.unwrap_or(DVec3::ZERO));
+    let strain = stretch * base.bent / (1.0 - bend(p, known, base.offset));
+    let longest = uu.max(vv).max((v - u).length_squared()).sqrt();
+    let reach = base.offset + longest;
+    let least = (0..3).map(|k| {
+        let (to_eye, aside) = match camera.projection {
+            Projection::Orthographic { .. } => (camera.eye - camera.look_at, 0.0),
+            Projection::Perspective { .. } => {
+                let to_eye = camera.eye - p[k];
+                (to_eye, (reach / to_eye.length()).min(1.0).asin())
+            }
+        };
+        angle(known[k], to_eye).min(angle(u.cross(v), to_eye)) - aside
+    });
+    let least = least.fold(f64::INFINITY, f64::min);
+    Outlook {
+        angle: if n.contains(&None) { -1.0 } else { least },
+        strain: strain.min(MOST_STRAIN),
+    }
+}
+
+/// Whether a triangle of a closed opaque skin faces away for certain: `tilt` is the tangent of
+/// half the largest angle at rest between its normal and those that carry its vertices, and
+/// `outlooks` are of their base triangles. The eye is outside.
+pub fn is_skipped(tilt: f64, outlooks: [Outlook; 3]) -> bool {
+    let least = outlooks.iter().fold(f64::INFINITY, |m, o| m.min(o.angle));
+    let strain = outlooks.iter().fold(0.0, |m: f64, o| m.max(o.strain));
+    least > AWAY + 2.0 * (strain * tilt).atan()
+}
+
+/// What is known of a skin at rest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tilts {
+    /// The base triangles that something is bound to.
+    pub bases: Vec<CullBase>,
+    /// Of each triangle the base triangles of its vertices, and the tangent of half the largest
+    /// angle between its normal and those that carry its vertices.
+    pub triangles: Vec<([u32; 3], f64)>,
+}
+
+impl Tilts {
+    /// Of the triangles `corners`, whose vertices are `bound` to nodes that are at `nodes` with
+    /// `normals` at rest. A triangle without area there, or with a vertex that no normal carries,
+    /// counts as tilted right round.
+    pub fn new(
+        nodes: &[DVec3],
+        normals: &[Option<DVec3>],
+        bound: &[Bound],
+        corners: &[[u32; 3]],
+    ) -> Tilts {
+        let (own, offsets) = stand_off(nodes, bound);
+        let bases = offsets.iter().map(|(of, offset)| {
+            let rest = of.map(|i| nodes[i as usize]);
+            let n = of.map(|i| normals[i as usize].unwrap_or_default());
+            CullBase::new(*of, rest, n, *offset)
+        });
+        // Where the mapping has the vertices at rest, and the normals that carry them.
+        let carried = bound.iter().map(|b| {
+            let p = b.nodes.map(|i| nodes[i as usize]);
+            let face = (p[1] - p[0]).cross(p[2] - p[0]);
+            let smooth = summed_normal(b.weights, b.nodes.map(|i| normals[i as usize]));
+            let normal = if b.interpolated { smooth } else { face };
+            (place(b, nodes, normals).position, normal.try_normalize())
+        });
+        let carried: Vec<(DVec3, Option<DVec3>)> = carried.collect();
+        let tilt = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| carried[v as usize].0);
+            let normal = (b - a).cross(c - a);
+            let edge = (b - a).length_squared().max((c - a).length_squared());
+            if normal.length_squared() <= NO_AREA * edge * edge {
+                return ANY_WAY;
+            }
+            let half = t.map(|v| match carried[v as usize].1 {
+                Some(carries) => (0.5 * angle(normal, carries)).tan(),
+                None => ANY_WAY,
+            });
+            half.into_iter().fold(0.0, f64::max).min(ANY_WAY)
+        };
+        Tilts {
+            bases: bases.collect(),
+            triangles: corners
+                .iter()
+                .map(|t| (t.map(|v| own[v as usize]), tilt(t)))
+                .collect(),
+        }
+    }
+}
+
+/// For each vertex the number of its base triangle; and these, with how far vertices stand off
+/// from each at most.
+fn stand_off(nodes: &[DVec3], bound: &[Bound]) -> (Vec<u32>, Vec<([u32; 3], f64)>) {
+    let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut offsets: Vec<([u32; 3], f64)> = Vec::new();
+    let own = bound.iter().map(|b| {
+        let mut key = b.nodes;
+        key.sort_unstable();
+        let own = *known.entry(key).or_insert_with(|| {
+            offsets.push((b.nodes, 0.0));
+            offsets.len() as u32 - 1
+        });
+        let p = b.nodes.map(|i| nodes[i as usize]);
+        let sides = [0, 1, 2].map(|k| p[k].distance(p[(k + 1) % 3]));
+        let longest = sides.into_iter().fold(0.0, f64::max);
+        let beyond = b.weights.iter().fold(0.0, |m: f64, w| m.max(-w));
+        let most = &mut offsets[own as usize].1;
+        *most = most.max(b.offset.length() + 2.0 * STRETCHED * beyond * longest);
+        own
+    });
+    (own.collect(), offsets)
+}

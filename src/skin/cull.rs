@@ -1,0 +1,175 @@
+//! Triangles of a skin that are left out before their vertices are computed: those that face away
+//! or lie outside the picture, by the normals and places of the nodes that carry them.
+//!
+//! One pass over the base triangles says how each stands to the eye; one over the skin's triangles
+//! compares that with how much each was tilted at rest; two more list those that are drawn, in
+//! their order. The draw takes list and length from the GPU.
+
+use super::carrier::Carrier;
+use crate::Result;
+use crate::gpu::{Gpu, Pass, Recorder, Texel};
+use crate::mesh::unpack_normal;
+use crate::reference::culling::{CullBase, Tilts};
+use crate::reference::skin::Bound;
+use crate::render::View;
+
+mod gpu_data {
+    use crate::render::View;
+    crate::gpu_struct! {
+        pub(super) struct CullBase {
+            pub view: View,
+            pub triangles: u32,
+            pub _pad: [u32; 3],
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Cull {
+            pub triangles: u32,
+            pub closed: u32,
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct CullScan {
+            pub runs: u32,
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct CullList {
+            pub runs: u32,
+        }
+    }
+}
+
+/// Triangles that one invocation marks.
+const RUN: usize = 32;
+
+/// What decides which triangles are drawn, and the list of those.
+pub(super) struct Cull {
+    base: Pass,
+    base_count: u32,
+    marks: Pass,
+    triangles: u32,
+    scan: Pass,
+    list: Pass,
+    fresh: wgpu::Buffer,
+    /// Of an indexed indirect draw, and a flag.
+    pub arguments: wgpu::Buffer,
+    /// Three vertices for each triangle drawn.
+    pub drawn: wgpu::Buffer,
+}
+
+impl Cull {
+    /// For the triangles `corners` of vertices `bound` to `carrier`, listed in `indices`.
+    pub fn new(
+        gpu: &Gpu,
+        carrier: &Carrier,
+        bound: &[Bound],
+        corners: &[[u32; 3]],
+        indices: &wgpu::Buffer,
+    ) -> Result<Cull> {
+        let rest = carrier.base();
+        let normals: Vec<_> = rest.normals.iter().map(|n| unpack_normal(*n)).collect();
+        let Tilts { bases, triangles } = Tilts::new(rest.nodes, &normals, bound, corners);
+        let texels: Vec<[u32; 4]> = bases.iter().flat_map(base_texels).collect();
+        let base = gpu.array_of("base triangles", Texel::U32x4, &texels)?;
+        let texels: Vec<[u32; 4]> = triangles
+            .iter()
+            .map(|([a, b, c], tilt)| [*a, *b, *c, (*tilt as f32).to_bits()])
+            .collect();
+        let tilted = gpu.array_of("tilts", Texel::U32x4, &texels)?;
+        let outlooks = gpu.array("outlooks", Texel::U32x4, bases.len())?;
+        let runs = triangles.len().div_ceil(RUN) as u32;
+        let marks = gpu.buffer("marks", 8 * u64::from(runs))?;
+        let fresh: [u32; 6] = [0, 1, 0, 0, 0, 0];
+        let arguments = gpu.buffer_of("triangles drawn", &fresh)?;
+        let drawn = gpu.buffer("corners drawn", 12 * triangles.len() as u64)?;
+        let (base_count, count) = (bases.len() as u32, triangles.len() as u32);
+        Ok(Cull {
+            base: gpu
+                .pass("skin/cull_base")
+                .read(&carrier.positions)
+                .read(&carrier.normals)
+                .read(&base)
+                .write(&outlooks)
+                .write(&arguments)
+                .params(&gpu_data::CullBase {
+                    triangles: base_count,
+                    ..bytemuck::Zeroable::zeroed()
+                })
+                .over(base_count)?,
+            marks: gpu
+                .pass("skin/cull")
+                .read(&tilted)
+                .read(&outlooks)
+                .read(&arguments)
+                .write(&marks)
+                .params(&gpu_data::Cull {
+                    triangles: count,
+                    closed: 0,
+                })
+                .over(runs)?,
+            scan: gpu
+                .pass("skin/cull_scan")
+                .write(&marks)
+                .write(&arguments)
+                .params(&gpu_data::CullScan { runs })
+                .over_groups([1, 1, 1])?,
+            list: gpu
+                .pass("skin/cull_list")
+                .read(&marks)
+                .read(indices)
+                .write(&drawn)
+                .params(&gpu_data::CullList { runs })
+                .over(runs)?,
+            base_count,
+            triangles: count,
+            fresh: gpu.buffer_of("triangles drawn, fresh", &fresh)?,
+            arguments,
+            drawn,
+        })
+    }
+
+    /// Records the choice for a `view`, the nodes' normals being made. `closed`: whether what
+    /// faces away is hidden.
+    pub fn record(&self, gpu: &Gpu, work: &mut Recorder, view: View, closed: bool) {
+        self.base.set_params(
+            gpu,
+            &gpu_data::CullBase {
+                view,
+                triangles: self.base_count,
+                _pad: [0; 3],
+            },
+        );
+        self.marks.set_params(
+            gpu,
+            &gpu_data::Cull {
+                triangles: self.triangles,
+                closed: u32::from(closed),
+            },
+        );
+        let (fresh, used) = (&self.fresh, &self.arguments);
+        work.encoder()
+            .copy_buffer_to_buffer(fresh, 0, used, 0, fresh.size());
+        for pass in [&self.base, &self.marks, &self.scan, &self.list] {
+            pass.record(work);
+        }
+    }
+
+    /// The triangles that were drawn last. Reads back.
+    pub fn listed(&self, gpu: &Gpu) -> Result<Vec<[u32; 3]>> {
+        let arguments: Vec<u32> = gpu.read_buffer(&self.arguments)?;
+        let mut drawn: Vec<[u32; 3]> = gpu.read_buffer(&self.drawn)?;
+        drawn.truncate(arguments.first().map_or(0, |n| *n as usize / 3));
+        Ok(drawn)
+    }
+}
+
+/// The two texels of a base triangle.
+fn base_texels(base: &CullBase) -> [[u32; 4]; 2] {
+    let [a, b, c] = base.nodes;
+    let [xx, xy, yy] = base.inverse;
+    [
+        [a, b, c, (base.offset as f32).to_bits()],
+        [xx, xy, yy, base.bent].map(|x| (x as f32).to_bits()),
+    ]
+}
