@@ -301,7 +301,7 @@ fn every_example_runs() {
         .output();
     stdout(&build.unwrap());
     let built = profile.join("examples");
-    let runs: [(&str, &[&str]); 8] = [
+    let runs: [(&str, &[&str]); 9] = [
         ("quickstart", &[]),
         ("own_device", &[]),
         ("other_engine", &["twist"]),
@@ -310,6 +310,7 @@ fn every_example_runs() {
         ("skin", &[]),
         ("cut", &[]),
         ("pick", &[]),
+        ("levels", &[]),
     ];
     for (example, arguments) in runs {
         let output = Command::new(built.join(example))
@@ -327,6 +328,7 @@ fn every_example_runs() {
         "skin.png",
         "cut.png",
         "pick.png",
+        "levels.png",
     ] {
         assert!(folder.join(picture).exists(), "{picture}");
     }

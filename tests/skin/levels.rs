@@ -3,6 +3,7 @@
 use crate::common::*;
 use glam::DVec3;
 use palpate::mesh::{LocalFrame, TetMesh, Transfer, generate};
+use palpate::physics::{Body, ImplicitEuler, Material, Solver};
 use palpate::render::local_positions;
 use palpate::skin::{Carrier, Mapping, Skin};
 
@@ -59,6 +60,83 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
     assert!(skin.use_level(2).is_err());
     let mut bare = Skin::bare(&gpu, &bodies[0].0, None).unwrap();
     assert!(bare.add_level(&bodies[1].0).is_err());
+}
+
+/// How fast the vertices of `skin` move at the velocities of `body`.
+fn pace(skin: &Skin, body: &mut Body) -> Vec<DVec3> {
+    let (places, velocities) = (body.positions().unwrap(), body.velocities().unwrap());
+    let dt = 1e-3;
+    let before = skin.vertices().unwrap();
+    let later = places.iter().zip(&velocities).map(|(p, v)| *p + dt * *v);
+    body.set_positions(&later.collect::<Vec<_>>()).unwrap();
+    let after = skin.vertices().unwrap();
+    body.set_positions(&places).unwrap();
+    let paces = before.iter().zip(&after).map(|(a, b)| (b - a) / dt);
+    paces.collect()
+}
+
+#[test]
+fn a_running_body_hands_over_place_and_velocity() {
+    let gpu = gpu();
+    let surface = bumpy(30);
+    let meshes = [6, 12].map(|cells| generate::ball(1.0, cells).unwrap());
+    let mut bodies = meshes.each_ref().map(|mesh| {
+        let mut body = Body::new(&gpu, mesh, &Material::young(6e3)).unwrap();
+        body.pin(|p| p.z < -0.7);
+        body.set_gravity(DVec3::new(9.81, 0.0, 0.0));
+        body
+    });
+    let carriers = [0, 1].map(|k| {
+        let nodes = bodies[k].nodes();
+        Carrier::of_mesh(&gpu, &meshes[k], nodes.array(), nodes.frame()).unwrap()
+    });
+    let mut skin = Skin::new(&gpu, &surface, &carriers[0], Mapping::Interpolated).unwrap();
+    skin.add_level(&carriers[1]).unwrap();
+    let mut solver = ImplicitEuler::new(&gpu, &bodies[0]).unwrap();
+    solver.run(&mut bodies[0], 15, 0.01).unwrap();
+
+    let (places, velocities) = (
+        bodies[0].positions().unwrap(),
+        bodies[0].velocities().unwrap(),
+    );
+    let before = skin.vertices().unwrap();
+    // Where the tets of the coarse body, not its base triangles, would have the skin.
+    let along = Transfer::new(&meshes[0], &surface.vertices).unwrap();
+    let truth = along.apply(&places).unwrap();
+    let speeds = along.apply(&velocities).unwrap();
+    let over = Transfer::new(&meshes[0], &meshes[1].nodes).unwrap();
+    let untold = {
+        skin.use_level(1).unwrap();
+        apart(&before, &skin.vertices().unwrap())
+    };
+    bodies[1]
+        .set_positions(&over.apply(&places).unwrap())
+        .unwrap();
+    let after = skin.vertices().unwrap();
+    let jump = apart(&before, &after);
+    let error = apart(&before, &truth);
+    println!("jump {jump:.4}, mapping error {error:.4}, without handing over {untold:.4}");
+    assert!(
+        jump <= error && jump < 0.5 * untold,
+        "{jump} {error} {untold}"
+    );
+
+    // Without velocities the fine body starts at rest.
+    let at_rest = pace(&skin, &mut bodies[1]);
+    bodies[1]
+        .set_velocities(&over.apply(&velocities).unwrap())
+        .unwrap();
+    let fine = pace(&skin, &mut bodies[1]);
+    skin.use_level(0).unwrap();
+    let coarse = pace(&skin, &mut bodies[0]);
+    let jump = apart(&coarse, &fine);
+    let error = apart(&coarse, &speeds);
+    let untold = apart(&coarse, &at_rest);
+    println!("jump {jump:.4}, mapping error {error:.4}, without handing over {untold:.4} a second");
+    assert!(
+        jump <= error && jump < 0.5 * untold,
+        "{jump} {error} {untold}"
+    );
 }
 
 #[test]
