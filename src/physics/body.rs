@@ -217,6 +217,14 @@ impl Body {
         Ok(())
     }
 
+    /// The external force on every node as it was set or added, N.
+    pub fn forces(&self) -> Vec<DVec3> {
+        let forces = self.forces.iter();
+        forces
+            .map(|f| Vec3::new(f[0], f[1], f[2]).as_dvec3())
+            .collect()
+    }
+
     /// Adds `force` (N in all) in equal shares to the nodes whose rest position, in file units,
     /// satisfies `where_`. Returns how many they are.
     ///

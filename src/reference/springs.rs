@@ -161,25 +161,36 @@ impl Particles {
             .collect()
     }
 
-    /// The 3×3 diagonal blocks of A.
-    pub fn system_blocks(&self, h: f64) -> Vec<DMat3> {
-        let mut blocks: Vec<DMat3> = self
-            .network
-            .masses
-            .iter()
-            .map(|m| DMat3::IDENTITY * *m)
-            .collect();
+    /// The 3×3 diagonal blocks of −∂f/∂x of the springs' elastic forces, or of −K̃.
+    pub fn stiffness_blocks(&self, clamped: bool) -> Vec<DMat3> {
+        self.blocks(|i, j, s| self.stiffness_block(i, j, s, clamped))
+    }
+
+    /// Sums `share(node, other node, spring)` into the blocks of both ends of every spring.
+    fn blocks(&self, share: impl Fn(usize, usize, &Spring) -> DMat3) -> Vec<DMat3> {
+        let mut blocks = vec![DMat3::ZERO; self.x.len()];
         for s in &self.network.springs {
             let [i, j] = s.nodes.map(|v| v as usize);
+            let block = share(i, j, s);
+            blocks[i] += block;
+            blocks[j] += block;
+        }
+        blocks
+    }
+
+    /// The 3×3 diagonal blocks of A.
+    pub fn system_blocks(&self, h: f64) -> Vec<DMat3> {
+        let mut blocks = self.blocks(|i, j, s| {
             let n = (self.x[j] - self.x[i]).normalize_or_zero();
             let c = self.network.spring_damping(s)
                 * match self.network.damping_kind {
                     Damping::Axial => DMat3::from_cols(n * n.x, n * n.y, n * n.z),
                     Damping::Relative => DMat3::IDENTITY,
                 };
-            let block = h * c + h * h * self.stiffness_block(i, j, s, true);
-            blocks[i] += block;
-            blocks[j] += block;
+            h * c + h * h * self.stiffness_block(i, j, s, true)
+        });
+        for (block, m) in blocks.iter_mut().zip(&self.network.masses) {
+            *block += DMat3::IDENTITY * *m;
         }
         blocks
     }

@@ -1,7 +1,8 @@
 //! The time integrators in float64: the twins of `physics`' solvers.
 
+use super::linear::{Solution, conjugate_gradients};
 use super::springs::Particles;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// Explicit Euler: x' = x + h v, v' = v + h a.
 pub fn explicit_euler(p: &mut Particles, h: f64) {
@@ -77,6 +78,24 @@ impl VelocityVerlet {
 ///
 /// Returns the iterations it took, or `None` when 20 a node were not enough.
 pub fn implicit_euler(p: &mut Particles, h: f64, tolerance: f64) -> Option<u32> {
+    let most = 20 * p.x.len() as u32;
+    let solution = solve_implicit(p, h, tolerance, most);
+    if solution.residual > tolerance {
+        return None;
+    }
+    advance_implicit(p, h, &solution.x);
+    Some(solution.iterations)
+}
+
+/// The same with at most `most` iterations, whatever they come to. Returns how many there were,
+/// and the relative residual that was left.
+pub fn implicit_euler_within(p: &mut Particles, h: f64, tolerance: f64, most: u32) -> (u32, f64) {
+    let solution = solve_implicit(p, h, tolerance, most);
+    advance_implicit(p, h, &solution.x);
+    (solution.iterations, solution.residual)
+}
+
+fn solve_implicit(p: &Particles, h: f64, tolerance: f64, most: u32) -> Solution {
     let f = p.forces();
     let kv = p.stiffness_product(&p.v, true);
     let b: Vec<DVec3> = (0..f.len())
@@ -88,63 +107,15 @@ pub fn implicit_euler(p: &mut Particles, h: f64, tolerance: f64) -> Option<u32> 
             }
         })
         .collect();
-    let (change, iterations) = conjugate_gradients(p, h, b, tolerance)?;
-    kick(p, 1.0, &change);
+    let product = |d: &[DVec3]| p.system_product(h, d);
+    let blocks = p.system_blocks(h);
+    conjugate_gradients(product, &blocks, &p.pinned, b, tolerance, most)
+}
+
+fn advance_implicit(p: &mut Particles, h: f64, change: &[DVec3]) {
+    kick(p, 1.0, change);
     let v = p.v.clone();
     drift(p, h, &v);
-    Some(iterations)
-}
-
-/// Solves A x = b, preconditioned by the inverse diagonal blocks.
-fn conjugate_gradients(
-    p: &Particles,
-    h: f64,
-    b: Vec<DVec3>,
-    tolerance: f64,
-) -> Option<(Vec<DVec3>, u32)> {
-    let inverse: Vec<DMat3> = p
-        .system_blocks(h)
-        .iter()
-        .zip(&p.pinned)
-        .map(|(block, pinned)| {
-            if *pinned {
-                DMat3::ZERO
-            } else {
-                block.inverse()
-            }
-        })
-        .collect();
-    let precondition =
-        |r: &[DVec3]| -> Vec<DVec3> { r.iter().zip(&inverse).map(|(r, m)| *m * *r).collect() };
-    let mut x = vec![DVec3::ZERO; b.len()];
-    let mut r = b;
-    let mut z = precondition(&r);
-    let mut direction = z.clone();
-    let mut rz = dot(&r, &z);
-    let start = rz;
-    for iteration in 0..20 * x.len() as u32 {
-        if rz <= tolerance * tolerance * start {
-            return Some((x, iteration));
-        }
-        let q = p.system_product(h, &direction);
-        let alpha = rz / dot(&direction, &q);
-        for i in 0..x.len() {
-            x[i] += alpha * direction[i];
-            r[i] -= alpha * q[i];
-        }
-        z = precondition(&r);
-        let next = dot(&r, &z);
-        let beta = next / rz;
-        rz = next;
-        for i in 0..x.len() {
-            direction[i] = z[i] + beta * direction[i];
-        }
-    }
-    None
-}
-
-fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()
 }
 
 fn accelerations(p: &Particles) -> Vec<DVec3> {

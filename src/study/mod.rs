@@ -4,6 +4,7 @@
 //! from, draws charts of them, and says in a paragraph what was found.
 
 mod chart;
+mod motion;
 mod run;
 mod scale;
 mod sheet;
@@ -22,4 +23,8 @@ use std::path::Path;
 pub type Study = fn(&Run, Option<&Path>) -> Result<()>;
 
 /// The studies by their names on the command line, each with a line that says what it is.
-pub const STUDIES: &[(&str, &str, Study)] = &[];
+pub const STUDIES: &[(&str, &str, Study)] = &[(
+    "motion",
+    "Error of motion against its cost: every solver, step and linear solve, and the model itself",
+    motion::run,
+)];

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod frame;
+mod motion;
 
 use palpate::gpu::Gpu;
 use std::sync::OnceLock;

@@ -1,0 +1,245 @@
+//! `study motion`: the error of every solver, step and linear solve against float64 truth, told
+//! apart by where it comes from, over what it costs; orders of convergence; the model's own error.
+
+mod model;
+mod orders;
+mod picture;
+mod scenes;
+mod trial;
+
+use super::{Cell, Row, Run};
+use crate::Result;
+use crate::physics::{ConjugateGradients, SolverKind};
+use std::path::Path;
+use trial::{STOPS, Setting, Trial};
+
+/// The columns of `motion.csv` that tell a point from the others.
+const SETTINGS: [&str; 7] = [
+    "scene",
+    "stiffness",
+    "stiffness_unit",
+    "solver",
+    "h_s",
+    "cg_tolerance",
+    "cg_iterations",
+];
+
+/// What is measured there.
+const RESULTS: [&str; 11] = [
+    "state",
+    "error",
+    "largest_node_error",
+    "time_error",
+    "solver_error",
+    "f32_error",
+    "energy_error",
+    "volume_error",
+    "ms_per_simulated_s",
+    "steps",
+    "iterations_a_step",
+];
+
+/// The most steps of one motion.
+const MOST_STEPS: u32 = 40_000;
+
+/// Conjugate gradients to their end, to the default, and short of it.
+const SOLVES: [(f64, u32); 5] = [
+    (1e-3, 2000),
+    (1e-2, 2000),
+    (1e-5, 2000),
+    (1e-7, 20),
+    (1e-7, 5),
+];
+
+/// Runs the study, of the built-in scenes or of one of the user's.
+///
+/// # Errors
+/// A scene that cannot be read or studied, a folder that cannot be written, what the device
+/// refuses.
+pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
+    let mut trials = match scene {
+        None => scenes::all(run.gpu, run.quick)?,
+        Some(path) => vec![scenes::of_file(run.gpu, path)?],
+    };
+    let points: Vec<(usize, Setting)> = (0..trials.len())
+        .flat_map(|t| {
+            settings(&trials[t], run.quick)
+                .into_iter()
+                .map(move |s| (t, s))
+        })
+        .collect();
+    let cells: Vec<Vec<Cell>> = points
+        .iter()
+        .map(|(t, setting)| cells(&trials[*t], *setting))
+        .collect();
+    let truths = truths(run, &mut trials)?;
+    let rows = run.measure("motion", &SETTINGS, &RESULTS, &cells, |cell| {
+        let known = cells.iter().position(|c| c == cell);
+        let Some((t, setting)) = known.map(|k| points[k]) else {
+            return Ok(Vec::new());
+        };
+        let found = trials[t].measure(run.gpu, setting)?;
+        let numbers = [
+            found.error,
+            found.largest,
+            found.time,
+            found.solver,
+            found.single,
+            found.energy,
+            found.volume,
+            found.ms,
+            f64::from(STOPS * setting.steps),
+            found.iterations,
+        ];
+        let mut results = vec![Cell::from(found.state)];
+        results.extend(numbers.map(rounded));
+        Ok(results)
+    })?;
+    let mut charts = Vec::new();
+    let mut text = String::new();
+    for trial in &trials {
+        let rows = of(&rows, trial);
+        charts.push(picture::against_time(run, trial, &rows)?);
+        text += &picture::finding(trial, &rows, &of(&truths, trial));
+    }
+    if let Some(trial) = trials.first() {
+        charts.push(picture::told_apart(run, trial, &of(&rows, trial))?);
+    }
+    text += &picture::totals(&rows);
+    if scene.is_none() {
+        let (orders, drawn) = orders::run(run)?;
+        let (model, drawn_model) = model::run(run)?;
+        text += &format!(
+            "\n{orders}\nVerlet damps by the velocity of half a step ago, which costs it an order as soon as there is damping; velocity Verlet damps by the velocity to come and keeps its second.\n\n{model}"
+        );
+        charts.extend(drawn);
+        charts.push(drawn_model);
+    }
+    let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
+    run.tell(
+        "motion",
+        "Accuracy of motion against its cost",
+        text.trim(),
+        &charts,
+    )
+}
+
+/// The rows of a trial.
+fn of(rows: &[Row], trial: &Trial) -> Vec<Row> {
+    let rows = rows.iter();
+    rows.filter(|r| r.text("scene") == trial.name && r.number("stiffness") == trial.stiffness)
+        .cloned()
+        .collect()
+}
+
+/// How the truth of each trial was come by.
+fn truths(run: &Run, trials: &mut [Trial]) -> Result<Vec<Row>> {
+    let points: Vec<Vec<Cell>> = trials
+        .iter()
+        .map(|t| vec![t.name.as_str().into(), t.stiffness.into(), t.unit.into()])
+        .collect();
+    let results = [
+        "truth",
+        "h_s",
+        "change_by_halving",
+        "order_of_change",
+        "change_of_extrapolation",
+        "halvings",
+    ];
+    run.measure("motion_truth", &SETTINGS[..3], &results, &points, |point| {
+        let Some(k) = points.iter().position(|p| p == point) else {
+            return Ok(Vec::new());
+        };
+        let trial = &mut trials[k];
+        let halvings = trial.truth()?.halvings.clone();
+        let Some(last) = halvings.last() else {
+            let mut cells = vec![Cell::from("exact")];
+            cells.extend([0.0; 5].map(Cell::from));
+            return Ok(cells);
+        };
+        let all = halvings.iter();
+        let changes: Vec<[f64; 2]> = all.map(|x| [trial.h(x.steps), x.change]).collect();
+        Ok(vec![
+            "float64, extrapolated".into(),
+            rounded(trial.h(2 * last.steps)),
+            rounded(last.change),
+            rounded(crate::reference::truth::fitted_order(&changes)),
+            rounded(last.extrapolated),
+            halvings.len().into(),
+        ])
+    })
+}
+
+/// What is measured of a trial.
+fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
+    let simple = trial.name == "falling" || trial.name == "spring";
+    let kinds = trial.kinds();
+    let kinds = kinds.into_iter().filter(|kind| {
+        let three = [
+            SolverKind::Symplectic,
+            SolverKind::VelocityVerlet,
+            SolverKind::Implicit,
+        ];
+        !quick || kinds_of_one(trial) || three.contains(kind)
+    });
+    let mut settings = Vec::new();
+    for kind in kinds {
+        let steps: Vec<u32> = match kind {
+            SolverKind::Implicit => (0..if quick { 4 } else { 7 }).map(|k| 2 << k).collect(),
+            _ => {
+                // One step that is too long, then shorter and shorter ones.
+                let first = (trial.fewest_stable(kind) / 2).max(1);
+                (0..if quick { 4 } else { 6 }).map(|k| first << k).collect()
+            }
+        };
+        let solves: &[(f64, u32)] = match (kind, quick || simple) {
+            (SolverKind::Implicit, false) => &SOLVES,
+            (SolverKind::Implicit, true) => &[SOLVES[0], SOLVES[4]],
+            _ => &[],
+        };
+        for steps in steps.into_iter().filter(|n| STOPS * n <= MOST_STEPS) {
+            let setting = |cg| Setting { kind, steps, cg };
+            match solves {
+                [] => settings.push(setting(None)),
+                solves => settings.extend(solves.iter().map(|cg| setting(Some(*cg)))),
+            }
+        }
+    }
+    settings
+}
+
+/// Whether one solver alone can move it.
+fn kinds_of_one(trial: &Trial) -> bool {
+    trial.kinds().len() == 1
+}
+
+fn cells(trial: &Trial, setting: Setting) -> Vec<Cell> {
+    let (tolerance, iterations) = match setting.cg {
+        None => (Cell::from(""), Cell::from("")),
+        // Where the iterations decide, no residual does.
+        Some((tolerance, most)) => (tolerance.into(), (most as usize).into()),
+    };
+    vec![
+        trial.name.as_str().into(),
+        trial.stiffness.into(),
+        trial.unit.into(),
+        setting.kind.name().into(),
+        trial.h(setting.steps).into(),
+        tolerance,
+        iterations,
+    ]
+}
+
+/// Whether a row's linear solves stop as they do by default, or it has none.
+fn by_default(row: &Row) -> bool {
+    let default = ConjugateGradients::default();
+    row.text("solver") != SolverKind::Implicit.name()
+        || row.number("cg_tolerance") == default.tolerance
+            && row.number("cg_iterations") == f64::from(default.max_iterations)
+}
+
+/// A number with the digits that mean something.
+fn rounded(value: f64) -> Cell {
+    let text = format!("{value:.3e}");
+    Cell::Number(text.parse().unwrap_or(value))
+}

@@ -1,0 +1,184 @@
+//! Charts of errors against time, and what they say.
+
+use super::by_default;
+use super::trial::{ACCURATE, Trial};
+use crate::Result;
+use crate::physics::SolverKind;
+use crate::study::{Axis, Chart, Look, Row, Run, Series};
+
+const COST: &str = "ms_per_simulated_s";
+
+/// A name for files: the scene, and its stiffness where there are several.
+fn name(trial: &Trial) -> String {
+    format!("motion_{}_{}", trial.name, trial.stiffness)
+}
+
+/// The points that no other is both faster and better than, the fastest first.
+pub fn pareto(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut sorted: Vec<[f64; 2]> = points
+        .iter()
+        .filter(|p| p.iter().all(|c| c.is_finite()))
+        .copied()
+        .collect();
+    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let mut best = f64::INFINITY;
+    sorted.retain(|p| {
+        let better = p[1] < best;
+        best = best.min(p[1]);
+        better
+    });
+    sorted
+}
+
+fn place(row: &Row) -> [f64; 2] {
+    [row.number(COST), row.number("error")]
+}
+
+/// Error against milliseconds of a simulated second. Returns the chart's name.
+pub fn against_time(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
+    let of = |kind: SolverKind, default: bool| -> Vec<[f64; 2]> {
+        let rows = rows.iter();
+        rows.filter(|r| r.text("solver") == kind.name() && by_default(r) == default)
+            .map(place)
+            .collect()
+    };
+    let mut series = Vec::new();
+    for kind in trial.kinds() {
+        series.push(Series::new(kind.name(), Look::LineMarks, of(kind, true)));
+    }
+    series.push(Series::new(
+        "implicit, other CG stops",
+        Look::Marks,
+        of(SolverKind::Implicit, false),
+    ));
+    let all: Vec<[f64; 2]> = rows.iter().map(place).collect();
+    series.push(Series::new("Pareto front", Look::Rings, pareto(&all)));
+    series.retain(|s| !s.points.is_empty());
+    let name = name(trial);
+    Chart {
+        title: format!("{}, {} {}", trial.name, trial.stiffness, trial.unit),
+        x: Axis::log("ms per simulated second"),
+        y: Axis::log("relative L2 error"),
+        series,
+    }
+    .save(run.dir, &name)?;
+    Ok(name)
+}
+
+/// Time, solver and f32 error against the step. Returns the chart's name.
+pub fn told_apart(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
+    let of = |kind: SolverKind, column: &str, keep: &dyn Fn(&Row) -> bool| -> Vec<[f64; 2]> {
+        let rows = rows.iter();
+        rows.filter(|r| r.text("solver") == kind.name() && keep(r))
+            .map(|r| [r.number("h_s"), r.number(column)])
+            .collect()
+    };
+    let verlet = SolverKind::VelocityVerlet;
+    let implicit = SolverKind::Implicit;
+    let line = |name: &str, points| Series::new(name, Look::LineMarks, points);
+    let five = |r: &Row| r.number("cg_iterations") == 5.0;
+    let mut series = vec![
+        line(
+            "velocity-verlet: time",
+            of(verlet, "time_error", &by_default),
+        ),
+        line("velocity-verlet: f32", of(verlet, "f32_error", &by_default)),
+        line("implicit: time", of(implicit, "time_error", &by_default)),
+        line(
+            "implicit: CG to 0.001",
+            of(implicit, "solver_error", &by_default),
+        ),
+        line(
+            "implicit: 5 CG iterations",
+            of(implicit, "solver_error", &five),
+        ),
+        line("implicit: f32", of(implicit, "f32_error", &by_default)),
+    ];
+    series.retain(|s| !s.points.is_empty());
+    let chart = format!("{}_parts", name(trial));
+    Chart {
+        title: format!(
+            "Where errors come from: {}, {} {}",
+            trial.name, trial.stiffness, trial.unit
+        ),
+        x: Axis::log("step h (s)"),
+        y: Axis::log("relative L2 error"),
+        series,
+    }
+    .save(run.dir, &chart)?;
+    Ok(chart)
+}
+
+/// A sentence or two on one trial.
+pub fn finding(trial: &Trial, rows: &[Row], truths: &[Row]) -> String {
+    let mut text = format!("**{}, {} {}**", trial.name, trial.stiffness, trial.unit);
+    if let Some(truth) = truths.first() {
+        text += &match truth.text("truth") {
+            "exact" => " (exact solution)".to_owned(),
+            _ => format!(
+                " (truth: float64 at h = {:.1e} s, where halving changes {:.0e} of the motion and the extrapolation {:.0e})",
+                truth.number("h_s"),
+                truth.number("change_by_halving"),
+                truth.number("change_of_extrapolation"),
+            ),
+        };
+    }
+    text += ": ";
+    let mut said = Vec::new();
+    for limit in [0.05, 0.01, 0.001] {
+        let within = rows.iter().filter(|r| r.number("error") <= limit);
+        let best = within.min_by(|a, b| a.number(COST).total_cmp(&b.number(COST)));
+        said.push(match best {
+            None => format!("{} % is not met", 100.0 * limit),
+            Some(row) => format!(
+                "{} % costs {:.0} ms a simulated second ({}, h = {:.1e} s{})",
+                100.0 * limit,
+                row.number(COST),
+                row.text("solver"),
+                row.number("h_s"),
+                solve(row),
+            ),
+        });
+    }
+    let diverged = rows
+        .iter()
+        .filter(|r| r.text("state") == "diverged")
+        .count();
+    text + &said.join("; ") + &format!("; {diverged} of {} points diverged.\n\n", rows.len())
+}
+
+fn solve(row: &Row) -> String {
+    match (row.number("cg_iterations"), row.number("cg_tolerance")) {
+        (n, _) if n.is_nan() => String::new(),
+        (n, _) if n < 2000.0 => format!(", {n} CG iterations"),
+        (_, tolerance) => format!(", CG to {tolerance}"),
+    }
+}
+
+/// What all the points say together.
+pub fn totals(rows: &[Row]) -> String {
+    let sound = || {
+        rows.iter()
+            .filter(|r| matches!(r.text("state"), ACCURATE | "inaccurate"))
+    };
+    let worst = |column: &str, keep: &dyn Fn(&Row) -> bool| {
+        let numbers = sound().filter(|r| keep(r)).map(|r| r.number(column));
+        numbers.fold(0.0, f64::max)
+    };
+    let tolerance = |t: f64| {
+        move |r: &Row| r.number("cg_tolerance") == t && r.number("cg_iterations") >= 2000.0
+    };
+    let implicit = |r: &Row| r.text("solver") == SolverKind::Implicit.name();
+    let explicit = |r: &Row| !implicit(r);
+    format!(
+        "Over all of it: f32 adds at most {:.0e} to a motion of an explicit solver and {:.0e} to one of implicit Euler solved to 0.001; conjugate gradients to 0.001 add at most {:.0e}, cut off after 5 iterations up to {:.0e}; the rest is the scheme's own error of the step. {} of {} points diverged; each was caught.\n",
+        worst("f32_error", &explicit),
+        worst("f32_error", &|r| implicit(r) && by_default(r)),
+        worst("solver_error", &tolerance(1e-3)),
+        worst("solver_error", &|r| r.number("cg_iterations") == 5.0),
+        rows.iter()
+            .filter(|r| r.text("state") == "diverged")
+            .count(),
+        rows.len(),
+    )
+}
