@@ -175,17 +175,15 @@ def compare(palpate, folder):
             found = np.array([read(f)[0] for f in frames[1:]]) - nodes
             ms = 1e3 * max(took - start, 1e-4) / duration
             rows.append(row + [ms, error(found, truth), "ran"])
-    for integrator in ["Euler", "implicitfast", "discrete"]:
-        for steps in [8, 32, 128]:
+    # Its other integrators refuse elastic flexes.
+    for integrator, ladder in [("Euler", [32, 64, 128, 256]), ("discrete", [8, 32, 128])]:
+        for steps in ladder:
+            found, seconds = mujoco_motion(nodes, tets, integrator, SPAN / steps)
             row = ["MuJoCo", integrator, SPAN / steps]
-            try:
-                found, seconds = mujoco_motion(nodes, tets, integrator, SPAN / steps)
-            except ValueError as refused:
-                print(f"MuJoCo, {integrator}: {refused}")
-                break
-            ms = 1e3 * seconds / duration
-            if found is None:
+            off = float("inf") if found is None else error(found, truth)
+            # Farther off than the body moves: it starts anew in between, or flies apart.
+            if off > 1:
                 rows.append(row + [float("nan"), float("nan"), "diverged"])
             else:
-                rows.append(row + [ms, error(found, truth), "ran"])
+                rows.append(row + [1e3 * seconds / duration, off, "ran"])
     return rows

@@ -19,11 +19,15 @@ COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 MARKS = "o^sDvPX"
 
 
+def rounded(entry):
+    return f"{entry:.4g}" if isinstance(entry, float) else entry
+
+
 def chart(rows, title, x, y, path):
     figure, axes = pyplot.subplots(figsize=(10, 6), layout="constrained")
     tools = list(dict.fromkeys((r[1], r[2]) for r in rows))
     for k, tool in enumerate(tools):
-        points = sorted((r[4], r[5]) for r in rows if (r[1], r[2]) == tool and r[6] == "ran")
+        points = [(r[4], r[5]) for r in rows if (r[1], r[2]) == tool and r[6] == "ran"]
         if points:
             look = {"color": COLOURS[k % 7], "marker": MARKS[k % 7]}
             axes.plot(*zip(*points), label=f"{tool[0]}, {tool[1]}", **look)
@@ -51,7 +55,7 @@ def main():
     with open(asked.out / "peers.csv", "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["work", "tool", "setting", "step_s_or_tets", "ms", "error", "state", "machine", "date"])
-        writer.writerows([*row, *stamp] for row in bars + cubes)
+        writer.writerows([*map(rounded, row), *stamp] for row in bars + cubes)
     chart(
         bars,
         f"A bar of {bar.TETS} tets released under gravity",
