@@ -9,10 +9,10 @@ use plotters::style::FontStyle;
 use std::path::Path;
 use std::sync::Once;
 
-/// The size of a chart in pixels, legend included.
-pub(super) const SIZE: (u32, u32) = (1000, 600);
+/// The size of a chart in pixels, legend included: enough for print.
+pub(super) const SIZE: (u32, u32) = (2000, 1200);
 /// The width of the legend, beside the data.
-const LEGEND: i32 = 250;
+const LEGEND: i32 = 500;
 pub(super) const FONT: &str = "sans-serif";
 /// The colours of Okabe and Ito, which the colour-blind tell apart, but for the yellow.
 const COLOURS: [RGBColor; 7] = [
@@ -145,17 +145,19 @@ impl Figure for Chart {
             self.y.scale(all().map(|p| p[1])),
         );
         let mut chart = ChartBuilder::on(&left)
-            .caption(&self.title, (FONT, 22))
-            .margin(12)
-            .x_label_area_size(48)
-            .y_label_area_size(74)
+            .caption(&self.title, (FONT, 44))
+            .margin(24)
+            .x_label_area_size(96)
+            .y_label_area_size(148)
             .build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
+            .axis_style(BLACK.stroke_width(2))
+            .set_all_tick_mark_size(8)
             .light_line_style(TRANSPARENT)
-            .bold_line_style(BLACK.mix(0.12))
-            .label_style((FONT, 15))
-            .axis_desc_style((FONT, 17))
+            .bold_line_style(BLACK.mix(0.12).stroke_width(2))
+            .label_style((FONT, 30))
+            .axis_desc_style((FONT, 34))
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
             .x_label_formatter(&|v| super::scale::tick(*v))
@@ -171,11 +173,11 @@ impl Figure for Chart {
             let colour = colour(i);
             match series.look {
                 Look::Line | Look::LineMarks => {
-                    chart.draw_series(LineSeries::new(points.clone(), colour.stroke_width(2)))?;
+                    chart.draw_series(LineSeries::new(points.clone(), colour.stroke_width(4)))?;
                 }
                 Look::Dashed => {
-                    let style = colour.stroke_width(2);
-                    chart.draw_series(DashedLineSeries::new(points.clone(), 7, 5, style))?;
+                    let style = colour.stroke_width(4);
+                    chart.draw_series(DashedLineSeries::new(points.clone(), 14, 10, style))?;
                 }
                 Look::Marks | Look::Rings => {}
             }
@@ -187,8 +189,8 @@ impl Figure for Chart {
                     chart.draw_series(marks)?;
                 }
                 Look::Rings => {
-                    let ring = BLACK.stroke_width(2);
-                    chart.draw_series(points.iter().map(|p| Circle::new(*p, 9, ring)))?;
+                    let ring = BLACK.stroke_width(4);
+                    chart.draw_series(points.iter().map(|p| Circle::new(*p, 18, ring)))?;
                 }
                 Look::Line | Look::Dashed => {}
             }
@@ -208,16 +210,16 @@ pub(super) fn key<B: DrawingBackend>(
     i: usize,
     series: &Series,
 ) -> Drawn<B> {
-    let at = (26, 60 + 26 * line as i32);
-    let stroke = colour(i).stroke_width(2);
+    let at = (52, 120 + 52 * line as i32);
+    let stroke = colour(i).stroke_width(4);
     match series.look {
         Look::Line | Look::LineMarks => legend.draw(&PathElement::new(
-            vec![(at.0 - 16, at.1), (at.0 + 16, at.1)],
+            vec![(at.0 - 32, at.1), (at.0 + 32, at.1)],
             stroke,
         ))?,
         Look::Dashed => {
-            for from in [-16, -4, 8] {
-                let dash = vec![(at.0 + from, at.1), (at.0 + from + 8, at.1)];
+            for from in [-32, -8, 16] {
+                let dash = vec![(at.0 + from, at.1), (at.0 + from + 16, at.1)];
                 legend.draw(&PathElement::new(dash, stroke))?;
             }
         }
@@ -227,7 +229,7 @@ pub(super) fn key<B: DrawingBackend>(
         Look::Marks | Look::LineMarks => {
             legend.draw(&(EmptyElement::at(at) + mark(i, (0, 0))))?;
         }
-        Look::Rings => legend.draw(&Circle::new(at, 9, BLACK.stroke_width(2)))?,
+        Look::Rings => legend.draw(&Circle::new(at, 18, BLACK.stroke_width(4)))?,
         Look::Line | Look::Dashed => {}
     }
     words(legend, &series.name, at)
@@ -241,8 +243,8 @@ pub(super) fn words<B: DrawingBackend>(
 ) -> Drawn<B> {
     legend.draw(&Text::new(
         name.to_owned(),
-        (at.0 + 24, at.1 - 8),
-        (FONT, 15),
+        (at.0 + 48, at.1 - 16),
+        (FONT, 30),
     ))
 }
 
@@ -255,32 +257,32 @@ fn mark(i: usize, at: (i32, i32)) -> Polygon<(i32, i32)> {
     let shape: &[(i32, i32)] = match i % 6 {
         // An octagon, which is a disc at this size.
         0 => &[
-            (2, 5),
-            (5, 2),
-            (5, -2),
-            (2, -5),
-            (-2, -5),
-            (-5, -2),
-            (-5, 2),
-            (-2, 5),
+            (4, 10),
+            (10, 4),
+            (10, -4),
+            (4, -10),
+            (-4, -10),
+            (-10, -4),
+            (-10, 4),
+            (-4, 10),
         ],
-        1 => &[(0, -6), (6, 5), (-6, 5)],
-        2 => &[(-4, -4), (4, -4), (4, 4), (-4, 4)],
-        3 => &[(0, -6), (6, 0), (0, 6), (-6, 0)],
-        4 => &[(0, 6), (6, -5), (-6, -5)],
+        1 => &[(0, -12), (12, 10), (-12, 10)],
+        2 => &[(-8, -8), (8, -8), (8, 8), (-8, 8)],
+        3 => &[(0, -12), (12, 0), (0, 12), (-12, 0)],
+        4 => &[(0, 12), (12, -10), (-12, -10)],
         _ => &[
-            (-2, -6),
-            (2, -6),
-            (2, -2),
-            (6, -2),
-            (6, 2),
-            (2, 2),
-            (2, 6),
-            (-2, 6),
-            (-2, 2),
-            (-6, 2),
-            (-6, -2),
-            (-2, -2),
+            (-4, -12),
+            (4, -12),
+            (4, -4),
+            (12, -4),
+            (12, 4),
+            (4, 4),
+            (4, 12),
+            (-4, 12),
+            (-4, 4),
+            (-12, 4),
+            (-12, -4),
+            (-4, -4),
         ],
     };
     let points: Vec<(i32, i32)> = shape.iter().map(|p| (at.0 + p.0, at.1 + p.1)).collect();

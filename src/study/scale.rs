@@ -141,25 +141,14 @@ impl ValueFormatter<f64> for Scale {
     }
 }
 
-/// A number as a tick shows it: plain where that is short, else by a power of ten.
+/// A number as a tick shows it: plain where that is short, else with an exponent.
 pub(super) fn tick(value: f64) -> String {
     if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
         // Rounded, for ticks that are sums.
         let plain = format!("{value:.4}");
         return plain.trim_end_matches('0').trim_end_matches('.').to_owned();
     }
-    let exponent = value.abs().log10().floor() as i32;
-    let digits = value / 10_f64.powi(exponent);
-    let power: String = exponent.to_string().chars().map(raised).collect();
-    match (digits - 1.0).abs() < 1e-6 {
-        true => format!("10{power}"),
-        false => format!("{}·10{power}", (digits * 10.0).round() / 10.0),
-    }
-}
-
-fn raised(digit: char) -> char {
-    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    digit.to_digit(10).map_or('⁻', |d| DIGITS[d as usize])
+    format!("{value:.1e}").replace(".0e", "e")
 }
 
 #[cfg(test)]
@@ -171,8 +160,8 @@ mod tests {
         assert_eq!(tick(0.0), "0");
         assert_eq!(tick(0.30000000000000004), "0.3");
         assert_eq!(tick(30_000.0), "30000");
-        assert_eq!(tick(1e-5), "10⁻⁵");
-        assert_eq!(tick(3e6), "3·10⁶");
+        assert_eq!(tick(1e-5), "1e-5");
+        assert_eq!(tick(2.5e6), "2.5e6");
     }
 
     #[test]

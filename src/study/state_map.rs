@@ -7,7 +7,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::path::Path;
 
-const LEGEND: i32 = 250;
+const LEGEND: i32 = 500;
 /// Light to dark, so that they differ in print too; each state but the first also has a mark.
 const COLOURS: [RGBColor; 5] = [
     RGBColor(222, 238, 247),
@@ -85,10 +85,10 @@ impl Figure for StateMap {
         };
         let (x, y) = (scale(&self.x, &xs), scale(&self.y, &ys));
         let mut chart = ChartBuilder::on(&left)
-            .caption(&self.title, (FONT, 22))
-            .margin(12)
-            .x_label_area_size(48)
-            .y_label_area_size(74)
+            .caption(&self.title, (FONT, 44))
+            .margin(24)
+            .x_label_area_size(96)
+            .y_label_area_size(148)
             .build_cartesian_2d(x, y)?;
         let width = self.xs.len();
         for (cell, state) in self.cells.iter().enumerate() {
@@ -100,15 +100,17 @@ impl Figure for StateMap {
             chart.draw_series([Rectangle::new(corners, colour.filled())])?;
             for stroke in mark(*state) {
                 let centre = EmptyElement::at((self.xs[i], self.ys[j]));
-                let line = PathElement::new(stroke.to_vec(), ink(*state).stroke_width(2));
+                let line = PathElement::new(stroke.to_vec(), ink(*state).stroke_width(4));
                 chart.draw_series([centre + line])?;
             }
         }
         chart
             .configure_mesh()
+            .axis_style(BLACK.stroke_width(2))
+            .set_all_tick_mark_size(8)
             .disable_mesh()
-            .label_style((FONT, 15))
-            .axis_desc_style((FONT, 17))
+            .label_style((FONT, 30))
+            .axis_desc_style((FONT, 34))
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
             .x_label_formatter(&|v| tick(*v))
@@ -121,13 +123,13 @@ impl Figure for StateMap {
                 .filter(|p| x.holds(p[0]) && y.holds(p[1]));
             let points: Vec<(f64, f64)> = inside.map(|p| (p[0], p[1])).collect();
             // White beneath, so that the curve is seen on any state.
-            chart.draw_series(LineSeries::new(points.clone(), WHITE.stroke_width(6)))?;
-            let style = super::chart::colour(6 - i % 7).stroke_width(3);
-            chart.draw_series(DashedLineSeries::new(points, 8, 5, style))?;
+            chart.draw_series(LineSeries::new(points.clone(), WHITE.stroke_width(12)))?;
+            let style = super::chart::colour(6 - i % 7).stroke_width(6);
+            chart.draw_series(DashedLineSeries::new(points, 16, 10, style))?;
         }
         for (state, name) in self.states.iter().enumerate() {
-            let at = (26, 60 + 26 * state as i32);
-            let corners = [(at.0 - 14, at.1 - 10), (at.0 + 14, at.1 + 10)];
+            let at = (52, 120 + 52 * state as i32);
+            let corners = [(at.0 - 28, at.1 - 20), (at.0 + 28, at.1 + 20)];
             let colour = COLOURS[state % COLOURS.len()];
             legend.draw(&Rectangle::new(corners, colour.filled()))?;
             legend.draw(&Rectangle::new(corners, BLACK.mix(0.4)))?;
@@ -135,7 +137,7 @@ impl Figure for StateMap {
                 let stroke = stroke.map(|p| (p.0 + at.0, p.1 + at.1));
                 legend.draw(&PathElement::new(
                     stroke.to_vec(),
-                    ink(state).stroke_width(2),
+                    ink(state).stroke_width(4),
                 ))?;
             }
             words(&legend, name, at)?;
@@ -154,10 +156,10 @@ fn ink(state: usize) -> RGBColor {
 /// The strokes that tell a state without its colour.
 fn mark(state: usize) -> &'static [[(i32, i32); 2]] {
     match state {
-        1 => &[[(-4, 0), (4, 0)]],
-        2 => &[[(-4, -4), (4, 4)], [(-4, 4), (4, -4)]],
-        3 => &[[(-4, 0), (4, 0)], [(0, -4), (0, 4)]],
-        4 => &[[(0, -5), (0, 5)]],
+        1 => &[[(-8, 0), (8, 0)]],
+        2 => &[[(-8, -8), (8, 8)], [(-8, 8), (8, -8)]],
+        3 => &[[(-8, 0), (8, 0)], [(0, -8), (0, 8)]],
+        4 => &[[(0, -10), (0, 10)]],
         _ => &[],
     }
 }

@@ -173,5 +173,5 @@ fn maps_paint_each_cell_in_the_colour_of_its_state() {
         diverged("two", [0, 0, 2, 0, 1, 2]),
     );
     // A cell is a sixth of the plane, less its marks; the legend has a patch of its own.
-    assert!(one > 40_000 && two > one + 40_000, "{one} {two}");
+    assert!(one > 160_000 && two > one + 160_000, "{one} {two}");
 }
