@@ -1,0 +1,327 @@
+//! How large a step each scheme can take: the eigenvalues of its own step matrix, for a body
+//! linearised at rest, M ẍ + C ẋ + K x = 0.
+//!
+//! Where damping is in proportion to stiffness (or to mass) the modes of M⁻¹K decouple, and each
+//! is stepped by a 2×2 matrix ([`Mode::step_matrix`]). The limits of the symplectic schemes are
+//! exact for any damping: at the limit a displacement changes its sign in every step, which makes
+//! 4 the largest eigenvalue of M⁻¹(h²K + 2hC).
+
+use super::grid::GridTwin;
+use super::lanczos::{Eigenpair, any_vector, dot, largest_eigenpair};
+use crate::physics::{Damping, SolverKind, SpringNetwork};
+use glam::DVec3;
+
+/// A damped swing ẍ + γ ẋ + λ x = 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mode {
+    /// λ = ω², 1/s².
+    pub stiffness: f64,
+    /// γ, 1/s.
+    pub damping: f64,
+}
+
+impl Mode {
+    /// The matrix that takes one step of `scheme` of length `h`, in seconds: of (x, v); of Verlet
+    /// (x, x₋₁); of velocity Verlet (x, v½).
+    pub fn step_matrix(&self, scheme: SolverKind, h: f64) -> [[f64; 2]; 2] {
+        let (k, c) = (self.stiffness, self.damping);
+        match scheme {
+            SolverKind::Explicit => [[1.0, h], [-h * k, 1.0 - h * c]],
+            SolverKind::Symplectic => [
+                [1.0 - h * h * k, h * (1.0 - h * c)],
+                [-h * k, 1.0 - h * c],
+            ],
+            // Damped by (x − x₋₁)/h.
+            SolverKind::Verlet => [[2.0 - h * h * k - h * c, h * c - 1.0], [1.0, 0.0]],
+            // Damped by v½, so that the acceleration kept is that of the next kick.
+            SolverKind::VelocityVerlet => [[1.0, h], [-h * k, 1.0 - h * h * k - h * c]],
+            SolverKind::Implicit => {
+                let g = 1.0 / (1.0 + h * c + h * h * k);
+                [[1.0 - g * h * h * k, g * h], [-g * h * k, g]]
+            }
+        }
+    }
+
+    /// The largest |μ| of the eigenvalues μ of [`Mode::step_matrix`]: above 1 the swing grows.
+    pub fn spectral_radius(&self, scheme: SolverKind, h: f64) -> f64 {
+        spectral_radius(self.step_matrix(scheme, h))
+    }
+
+    /// The h in seconds above which [`Mode::spectral_radius`] exceeds 1; infinite for implicit
+    /// Euler.
+    pub fn largest_step(&self, scheme: SolverKind) -> f64 {
+        let (k, c) = (self.stiffness, self.damping);
+        match scheme {
+            SolverKind::Implicit => f64::INFINITY,
+            // det < 1: h < γ/λ. Overdamped, also 1 + tr + det = 4 − 2hγ + h²λ > 0.
+            SolverKind::Explicit if c * c < 4.0 * k => c / k,
+            SolverKind::Explicit => 4.0 / (c + (c * c - 4.0 * k).sqrt()),
+            // 1 + tr + det = 4 − 2hγ − h²λ > 0.
+            _ => 4.0 / (c + (c * c + 4.0 * k).sqrt()),
+        }
+    }
+}
+
+/// The largest |eigenvalue| of a 2×2 matrix.
+fn spectral_radius([[a, b], [c, d]]: [[f64; 2]; 2]) -> f64 {
+    let (half_trace, determinant) = (0.5 * (a + d), a * d - b * c);
+    let discriminant = half_trace * half_trace - determinant;
+    match discriminant < 0.0 {
+        true => determinant.sqrt(),
+        false => half_trace.abs() + discriminant.sqrt(),
+    }
+}
+
+/// The largest stable step of a body, and what it is limited by.
+#[derive(Clone, Debug)]
+pub struct StepLimit {
+    /// Seconds; 0 where no step is stable, infinite where all are.
+    pub step: f64,
+    /// Whether the limit is exact; else a smaller step than the limit, surely stable.
+    pub exact: bool,
+    /// λ and γ of the displacement that grows first, as xᵀKx and xᵀCx over xᵀMx.
+    pub mode: Mode,
+    /// That displacement, of every node; the longest is 1.
+    pub displacement: Vec<DVec3>,
+}
+
+/// A body linearised at rest.
+#[derive(Clone, Debug)]
+pub struct Linearised {
+    links: Vec<Link>,
+    /// 1/√m of every node; 0 for those that do not move.
+    weights: Vec<f64>,
+    /// What of the links' damping acts.
+    kind: Damping,
+    /// Whether C = τK + drag M, so that the modes decouple.
+    proportional: bool,
+    /// Damping in proportion to mass, 1/s.
+    drag: f64,
+}
+
+/// A spring at rest: it resists along its direction.
+#[derive(Clone, Copy, Debug)]
+struct Link {
+    nodes: [usize; 2],
+    direction: DVec3,
+    /// N/m.
+    stiffness: f64,
+    /// N·s/m.
+    damping: f64,
+}
+
+impl Linearised {
+    /// `network` at rest, with these nodes pinned.
+    pub fn new(network: &SpringNetwork, pinned: &[bool]) -> Linearised {
+        let links = network.springs.iter().map(|s| {
+            let [i, j] = s.nodes.map(|v| v as usize);
+            Link {
+                nodes: [i, j],
+                direction: (network.rest[j] - network.rest[i]).normalize_or_zero(),
+                stiffness: s.stiffness,
+                damping: network.spring_damping(s),
+            }
+        });
+        let undamped = network.damping == 0.0 && network.damping_time == 0.0;
+        let axial = network.damping_kind == Damping::Axial;
+        Linearised {
+            links: links.collect(),
+            weights: network
+                .masses
+                .iter()
+                .zip(pinned)
+                .map(|(m, p)| if *p || *m <= 0.0 { 0.0 } else { 1.0 / m.sqrt() })
+                .collect(),
+            kind: network.damping_kind,
+            proportional: undamped || axial && network.damping == 0.0,
+            drag: 0.0,
+        }
+    }
+
+    /// A grid of particles at rest.
+    pub fn of_grid(grid: &GridTwin) -> Linearised {
+        let mut links = Vec::new();
+        for i in grid.particles.iter().map(|i| *i as usize) {
+            for kind in 0..grid.offsets.len() {
+                if grid.springs[i] >> (2 * kind) & 1 == 0 {
+                    continue;
+                }
+                let j = (i as i64 + grid.offsets[kind]) as usize;
+                links.push(Link {
+                    nodes: [i, j],
+                    direction: (grid.x[j] - grid.x[i]).normalize_or_zero(),
+                    stiffness: 0.5 * (grid.factors[i] + grid.factors[j]) * grid.stiffness[kind],
+                    damping: 0.0,
+                });
+            }
+        }
+        Linearised {
+            links,
+            weights: grid.inverse_masses.iter().map(|w| w.sqrt()).collect(),
+            kind: Damping::Axial,
+            proportional: true,
+            drag: grid.damping,
+        }
+    }
+
+    /// M^-½ (a K + b C) M^-½ y.
+    fn product(&self, a: f64, b: f64, y: &[DVec3]) -> Vec<DVec3> {
+        let mut product = vec![DVec3::ZERO; y.len()];
+        for link in &self.links {
+            let [i, j] = link.nodes;
+            let w = y[j] * self.weights[j] - y[i] * self.weights[i];
+            let along = link.direction * link.direction.dot(w);
+            let f = match self.kind {
+                Damping::Axial => (a * link.stiffness + b * link.damping) * along,
+                Damping::Relative => a * link.stiffness * along + b * link.damping * w,
+            };
+            product[i] -= f;
+            product[j] += f;
+        }
+        for ((f, w), y) in product.iter_mut().zip(&self.weights).zip(y) {
+            *f = *f * *w + if *w > 0.0 { b * self.drag * *y } else { DVec3::ZERO };
+        }
+        product
+    }
+
+    /// The largest eigenpair of M^-½ (a K + b C) M^-½.
+    fn largest(&self, a: f64, b: f64) -> Eigenpair {
+        largest_eigenpair(|y| self.product(a, b, y), self.start(), 1e-5, 100)
+    }
+
+    /// The stiffest mode of M⁻¹K: its λ = ω², with the damping it has.
+    pub fn stiffest_mode(&self) -> Mode {
+        self.mode_of(&self.largest(1.0, 0.0).vector)
+    }
+
+    fn start(&self) -> Vec<DVec3> {
+        let mut start = any_vector(self.weights.len());
+        for (y, w) in start.iter_mut().zip(&self.weights) {
+            *y *= f64::from(u8::from(*w > 0.0));
+        }
+        start
+    }
+
+    /// λ and γ along y, of length 1.
+    fn mode_of(&self, y: &[DVec3]) -> Mode {
+        Mode {
+            stiffness: dot(y, &self.product(1.0, 0.0, y)).max(0.0),
+            damping: dot(y, &self.product(0.0, 1.0, y)).max(0.0),
+        }
+    }
+
+    fn limit(&self, step: f64, exact: bool, y: &[DVec3]) -> StepLimit {
+        let mut displacement: Vec<DVec3> =
+            y.iter().zip(&self.weights).map(|(y, w)| *y * *w).collect();
+        let longest = displacement.iter().map(|u| u.length()).fold(0.0, f64::max);
+        if longest > 0.0 {
+            displacement.iter_mut().for_each(|u| *u /= longest);
+        }
+        StepLimit {
+            step,
+            exact,
+            mode: self.mode_of(y),
+            displacement,
+        }
+    }
+
+    /// The largest stable step of `scheme`; `None` for implicit Euler, which has none.
+    ///
+    /// Exact, but for explicit Euler with damping that is not in proportion to stiffness: there it
+    /// is a bound from below, min κ_d/κ and 2/γ_max.
+    pub fn largest_step(&self, scheme: SolverKind) -> Option<StepLimit> {
+        Some(match scheme {
+            SolverKind::Implicit => return None,
+            SolverKind::Explicit => self.explicit_limit(),
+            _ => self.symplectic_limit(),
+        })
+    }
+
+    /// h²λ + 2hγ = 4 has its smallest h where y is an eigenvector of h²K + 2hC; any y gives a
+    /// larger one, so that h only falls.
+    fn symplectic_limit(&self) -> StepLimit {
+        let mut y = self.largest(1.0, 0.0).vector;
+        let mut step = self.mode_of(&y).largest_step(SolverKind::Symplectic);
+        if !self.proportional {
+            for _ in 0..50 {
+                let (a, b) = match step.is_finite() {
+                    true => (step * step, 2.0 * step),
+                    false => (0.0, 1.0),
+                };
+                y = self.largest(a, b).vector;
+                let next = self.mode_of(&y).largest_step(SolverKind::Symplectic);
+                let fell = step - next;
+                step = step.min(next);
+                if fell.is_nan() || fell <= 1e-9 * step {
+                    break;
+                }
+            }
+        }
+        self.limit(step, true, &y)
+    }
+
+    fn explicit_limit(&self) -> StepLimit {
+        let stiffest = self.largest(1.0, 0.0).vector;
+        if self.proportional {
+            let step = self.mode_of(&stiffest).largest_step(SolverKind::Explicit);
+            return self.limit(step, true, &stiffest);
+        }
+        let most_damped = self.largest(0.0, 1.0);
+        let ratio = self
+            .links
+            .iter()
+            .filter(|l| l.stiffness > 0.0)
+            .map(|l| l.damping / l.stiffness)
+            .fold(f64::INFINITY, f64::min);
+        let overdamped = 2.0 / most_damped.value;
+        match ratio <= overdamped {
+            true => self.limit(ratio, false, &stiffest),
+            false => self.limit(overdamped, false, &most_damped.vector),
+        }
+    }
+
+    /// The largest stable step of Verlet with centred damping in proportion to mass, as grid
+    /// bodies have it: 2/ω, whatever the damping.
+    pub fn grid_limit(&self) -> StepLimit {
+        let y = self.largest(1.0, 0.0).vector;
+        self.limit(2.0 / self.mode_of(&y).stiffness.sqrt(), true, &y)
+    }
+
+    /// By how much a small displacement grows in each of `steps` steps of an explicit scheme, in
+    /// the mean of the later half: an estimate of the spectral radius of the whole step matrix, for
+    /// any damping, and the displacement by then, the longest 1.
+    pub fn growth(&self, scheme: SolverKind, h: f64, steps: usize) -> (f64, Vec<DVec3>) {
+        let mut x = self.start();
+        let mut v = vec![DVec3::ZERO; x.len()];
+        let (mut logarithm, mut counted) = (0.0, 0);
+        for step in 0..steps {
+            self.advance(scheme, h, &mut x, &mut v);
+            let size = (dot(&x, &self.product(1.0, 0.0, &x)) + dot(&v, &v)).sqrt();
+            if !(size > 0.0 && size.is_finite()) {
+                break;
+            }
+            if step >= steps / 2 {
+                logarithm += size.ln();
+                counted += 1;
+            }
+            x.iter_mut().chain(&mut v).for_each(|y| *y /= size);
+        }
+        let growth = (logarithm / f64::from(counted.max(1))).exp();
+        (growth, self.limit(h, true, &x).displacement)
+    }
+
+    /// One step of a scheme with forces −Kx − Cv. (Verlet and velocity Verlet have the step matrix
+    /// of symplectic Euler in other variables.)
+    fn advance(&self, scheme: SolverKind, h: f64, x: &mut [DVec3], v: &mut [DVec3]) {
+        let elastic = self.product(1.0, 0.0, x);
+        let braked = self.product(0.0, 1.0, v);
+        for i in 0..x.len() {
+            let before = v[i];
+            v[i] -= h * (elastic[i] + braked[i]);
+            x[i] += h * match scheme {
+                SolverKind::Explicit => before,
+                _ => v[i],
+            };
+        }
+    }
+}
