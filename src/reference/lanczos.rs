@@ -95,7 +95,9 @@ fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> (f64, Vec<f64>) {
     let off = |i: usize| if i < n - 1 { beside[i].abs() } else { 0.0 };
     // Gershgorin's discs hold it; bisection on the signs of the pivots of T − σ finds it.
     let radius = |i: usize| off(i) + if i > 0 { off(i - 1) } else { 0.0 };
-    let mut high = (0..n).map(|i| diagonal[i] + radius(i)).fold(f64::MIN, f64::max);
+    let mut high = (0..n)
+        .map(|i| diagonal[i] + radius(i))
+        .fold(f64::MIN, f64::max);
     let mut low = diagonal.iter().copied().fold(f64::MIN, f64::max);
     let pivots = |shift: f64| -> Vec<f64> {
         let mut d: Vec<f64> = Vec::with_capacity(n);

@@ -2,14 +2,14 @@
 //! linearised at rest, M ẍ + C ẋ + K x = 0.
 //!
 //! Where damping is in proportion to stiffness (or to mass) the modes of M⁻¹K decouple, and each
-//! is stepped by a 2×2 matrix ([`Mode::step_matrix`]). The limits of the symplectic schemes are
-//! exact for any damping: at the limit a displacement changes its sign in every step, which makes
-//! 4 the largest eigenvalue of M⁻¹(h²K + 2hC).
+//! is stepped by a small matrix of its own ([`Mode::step_matrix`]). The limits of all but explicit
+//! Euler are exact for any damping: at the limit a displacement changes its sign in every step,
+//! and 4 is the largest eigenvalue of M⁻¹(h²K + 2hC), of velocity Verlet M⁻¹(h²K + 4hC).
 
 use super::grid::GridTwin;
 use super::lanczos::{Eigenpair, any_vector, dot, largest_eigenpair};
 use crate::physics::{Damping, SolverKind, SpringNetwork};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// A damped swing ẍ + γ ẋ + λ x = 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,24 +22,31 @@ pub struct Mode {
 
 impl Mode {
     /// The matrix that takes one step of `scheme` of length `h`, in seconds: of (x, v); of Verlet
-    /// (x, x₋₁); of velocity Verlet (x, v½).
-    pub fn step_matrix(&self, scheme: SolverKind, h: f64) -> [[f64; 2]; 2] {
+    /// (x, x₋₁); of velocity Verlet (x, v, a). What two numbers tell leaves the third at 0.
+    pub fn step_matrix(&self, scheme: SolverKind, h: f64) -> DMat3 {
         let (k, c) = (self.stiffness, self.damping);
-        match scheme {
-            SolverKind::Explicit => [[1.0, h], [-h * k, 1.0 - h * c]],
+        let rows: [[f64; 3]; 2] = match scheme {
+            SolverKind::Explicit => [[1.0, h, 0.0], [-h * k, 1.0 - h * c, 0.0]],
             SolverKind::Symplectic => [
-                [1.0 - h * h * k, h * (1.0 - h * c)],
-                [-h * k, 1.0 - h * c],
+                [1.0 - h * h * k, h * (1.0 - h * c), 0.0],
+                [-h * k, 1.0 - h * c, 0.0],
             ],
             // Damped by (x − x₋₁)/h.
-            SolverKind::Verlet => [[2.0 - h * h * k - h * c, h * c - 1.0], [1.0, 0.0]],
-            // Damped by v½, so that the acceleration kept is that of the next kick.
-            SolverKind::VelocityVerlet => [[1.0, h], [-h * k, 1.0 - h * h * k - h * c]],
+            SolverKind::Verlet => [[2.0 - h * h * k - h * c, h * c - 1.0, 0.0], [1.0, 0.0, 0.0]],
+            SolverKind::VelocityVerlet => {
+                let moved = DVec3::new(1.0, h, 0.5 * h * h);
+                // Damped by v + h a.
+                let a = -k * moved - c * DVec3::new(0.0, 1.0, h);
+                let v = DVec3::new(0.0, 1.0, 0.5 * h) + 0.5 * h * a;
+                return DMat3::from_cols(moved, v, a).transpose();
+            }
             SolverKind::Implicit => {
                 let g = 1.0 / (1.0 + h * c + h * h * k);
-                [[1.0 - g * h * h * k, g * h], [-g * h * k, g]]
+                [[1.0 - g * h * h * k, g * h, 0.0], [-g * h * k, g, 0.0]]
             }
-        }
+        };
+        let [x, v] = rows.map(DVec3::from);
+        DMat3::from_cols(x, v, DVec3::ZERO).transpose()
     }
 
     /// The largest |μ| of the eigenvalues μ of [`Mode::step_matrix`]: above 1 the swing grows.
@@ -57,19 +64,40 @@ impl Mode {
             SolverKind::Explicit if c * c < 4.0 * k => c / k,
             SolverKind::Explicit => 4.0 / (c + (c * c - 4.0 * k).sqrt()),
             // 1 + tr + det = 4 − 2hγ − h²λ > 0.
-            _ => 4.0 / (c + (c * c + 4.0 * k).sqrt()),
+            SolverKind::Symplectic | SolverKind::Verlet => 4.0 / (c + (c * c + 4.0 * k).sqrt()),
+            // The same at μ = −1 of the cubic: 4 − 4hγ − h²λ > 0.
+            SolverKind::VelocityVerlet => 2.0 / (c + (c * c + k).sqrt()),
         }
     }
 }
 
-/// The largest |eigenvalue| of a 2×2 matrix.
-fn spectral_radius([[a, b], [c, d]]: [[f64; 2]; 2]) -> f64 {
-    let (half_trace, determinant) = (0.5 * (a + d), a * d - b * c);
-    let discriminant = half_trace * half_trace - determinant;
-    match discriminant < 0.0 {
-        true => determinant.sqrt(),
-        false => half_trace.abs() + discriminant.sqrt(),
+/// The largest |eigenvalue| of a 3×3 matrix.
+fn spectral_radius(m: DMat3) -> f64 {
+    let [a, b, c] = m.transpose().to_cols_array_2d();
+    let minors = a[0] * b[1] - a[1] * b[0] + a[0] * c[2] - a[2] * c[0] + b[1] * c[2] - b[2] * c[1];
+    let (trace, determinant) = (a[0] + b[1] + c[2], m.determinant());
+    // μ³ − trace μ² + minors μ − determinant has a real root within Cauchy's bound; what is left
+    // when it is divided out is a quadratic.
+    let cubic = |x: f64| ((x - trace) * x + minors) * x - determinant;
+    let mut high = 1.0 + trace.abs().max(minors.abs()).max(determinant.abs());
+    let mut low = -high;
+    // A root at 0 is one that halving would never quite reach.
+    if determinant == 0.0 {
+        (low, high) = (0.0, 0.0);
     }
+    while low < 0.5 * (low + high) && 0.5 * (low + high) < high {
+        match cubic(0.5 * (low + high)) < 0.0 {
+            true => low = 0.5 * (low + high),
+            false => high = 0.5 * (low + high),
+        }
+    }
+    let half_sum = 0.5 * (trace - high);
+    let product = minors - high * (trace - high);
+    let discriminant = half_sum * half_sum - product;
+    high.abs().max(match discriminant < 0.0 {
+        true => product.sqrt(),
+        false => half_sum.abs() + discriminant.sqrt(),
+    })
 }
 
 /// The largest stable step of a body, and what it is limited by.
@@ -179,7 +207,12 @@ impl Linearised {
             product[j] += f;
         }
         for ((f, w), y) in product.iter_mut().zip(&self.weights).zip(y) {
-            *f = *f * *w + if *w > 0.0 { b * self.drag * *y } else { DVec3::ZERO };
+            *f = *f * *w
+                + if *w > 0.0 {
+                    b * self.drag * *y
+                } else {
+                    DVec3::ZERO
+                };
         }
         product
     }
@@ -233,23 +266,27 @@ impl Linearised {
         Some(match scheme {
             SolverKind::Implicit => return None,
             SolverKind::Explicit => self.explicit_limit(),
-            _ => self.symplectic_limit(),
+            _ => self.flip_limit(scheme),
         })
     }
 
-    /// h²λ + 2hγ = 4 has its smallest h where y is an eigenvector of h²K + 2hC; any y gives a
-    /// larger one, so that h only falls.
-    fn symplectic_limit(&self) -> StepLimit {
+    /// h²λ + s hγ = 4 (s = 2 or 4) has its smallest h where y is an eigenvector of h²K + s hC; any
+    /// other y gives a larger one, so that h only falls.
+    fn flip_limit(&self, scheme: SolverKind) -> StepLimit {
+        let share = match scheme {
+            SolverKind::VelocityVerlet => 4.0,
+            _ => 2.0,
+        };
         let mut y = self.largest(1.0, 0.0).vector;
-        let mut step = self.mode_of(&y).largest_step(SolverKind::Symplectic);
+        let mut step = self.mode_of(&y).largest_step(scheme);
         if !self.proportional {
             for _ in 0..50 {
                 let (a, b) = match step.is_finite() {
-                    true => (step * step, 2.0 * step),
+                    true => (step * step, share * step),
                     false => (0.0, 1.0),
                 };
                 y = self.largest(a, b).vector;
-                let next = self.mode_of(&y).largest_step(SolverKind::Symplectic);
+                let next = self.mode_of(&y).largest_step(scheme);
                 let fell = step - next;
                 step = step.min(next);
                 if fell.is_nan() || fell <= 1e-9 * step {
@@ -291,12 +328,13 @@ impl Linearised {
     /// the mean of the later half: an estimate of the spectral radius of the whole step matrix, for
     /// any damping, and the displacement by then, the longest 1.
     pub fn growth(&self, scheme: SolverKind, h: f64, steps: usize) -> (f64, Vec<DVec3>) {
-        let mut x = self.start();
-        let mut v = vec![DVec3::ZERO; x.len()];
+        let x = self.start();
+        let mut state = [x.clone(), vec![DVec3::ZERO; x.len()], self.force(&x, None)];
         let (mut logarithm, mut counted) = (0.0, 0);
         for step in 0..steps {
-            self.advance(scheme, h, &mut x, &mut v);
-            let size = (dot(&x, &self.product(1.0, 0.0, &x)) + dot(&v, &v)).sqrt();
+            self.advance(scheme, h, &mut state);
+            let [x, v, _] = &state;
+            let size = (dot(x, &self.product(1.0, 0.0, x)) + dot(v, v)).sqrt();
             if !(size > 0.0 && size.is_finite()) {
                 break;
             }
@@ -304,24 +342,108 @@ impl Linearised {
                 logarithm += size.ln();
                 counted += 1;
             }
-            x.iter_mut().chain(&mut v).for_each(|y| *y /= size);
+            for y in state.iter_mut().flatten() {
+                *y /= size;
+            }
         }
         let growth = (logarithm / f64::from(counted.max(1))).exp();
-        (growth, self.limit(h, true, &x).displacement)
+        (growth, self.limit(h, true, &state[0]).displacement)
     }
 
-    /// One step of a scheme with forces −Kx − Cv. (Verlet and velocity Verlet have the step matrix
-    /// of symplectic Euler in other variables.)
-    fn advance(&self, scheme: SolverKind, h: f64, x: &mut [DVec3], v: &mut [DVec3]) {
-        let elastic = self.product(1.0, 0.0, x);
-        let braked = self.product(0.0, 1.0, v);
+    /// −Kx − Cv, of masses of 1.
+    fn force(&self, x: &[DVec3], v: Option<&[DVec3]>) -> Vec<DVec3> {
+        let mut force = self.product(-1.0, 0.0, x);
+        if let Some(v) = v {
+            for (f, c) in force.iter_mut().zip(self.product(0.0, -1.0, v)) {
+                *f += c;
+            }
+        }
+        force
+    }
+
+    /// One step of an explicit scheme from (x, v, a). (Verlet is symplectic Euler in other
+    /// variables.)
+    fn advance(&self, scheme: SolverKind, h: f64, [x, v, a]: &mut [Vec<DVec3>; 3]) {
+        if scheme == SolverKind::VelocityVerlet {
+            let before = a.clone();
+            for i in 0..x.len() {
+                x[i] += h * v[i] + 0.5 * h * h * before[i];
+                v[i] += h * before[i];
+            }
+            *a = self.force(x, Some(v));
+            for i in 0..x.len() {
+                v[i] += 0.5 * h * (a[i] - before[i]);
+            }
+            return;
+        }
+        let force = self.force(x, Some(v));
         for i in 0..x.len() {
             let before = v[i];
-            v[i] -= h * (elastic[i] + braked[i]);
+            v[i] += h * force[i];
             x[i] += h * match scheme {
                 SolverKind::Explicit => before,
                 _ => v[i],
             };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXPLICIT: [SolverKind; 4] = [
+        SolverKind::Explicit,
+        SolverKind::Symplectic,
+        SolverKind::Verlet,
+        SolverKind::VelocityVerlet,
+    ];
+
+    #[test]
+    fn radii_are_those_of_matrices_with_known_eigenvalues() {
+        let turned = |d: DVec3| {
+            let r = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.4);
+            r * DMat3::from_diagonal(d) * r.transpose()
+        };
+        for (d, radius) in [
+            (DVec3::new(0.5, -2.0, 1.0), 2.0),
+            (DVec3::new(0.5, 0.5, 0.5), 0.5),
+            (DVec3::new(-1.0, 0.9, 0.0), 1.0),
+        ] {
+            // A triple root is found to the cube root of rounding.
+            assert!((spectral_radius(turned(d)) - radius).abs() < 1e-4, "{d}");
+        }
+        let spiral = DMat3::from_rotation_z(1.0) * 1.5;
+        assert!((spectral_radius(spiral) - 1.5).abs() < 1e-12);
+    }
+
+    /// The closed forms are where the radius of the step matrix passes 1, from lightly damped to
+    /// far beyond critical.
+    #[test]
+    fn the_radius_passes_1_at_the_largest_step() {
+        for stiffness in [1.0, 3e4] {
+            for ratio in [0.0, 0.01, 0.5, 1.0, 1.99, 2.0, 2.01, 10.0, 300.0] {
+                let damping = ratio * f64::sqrt(stiffness);
+                let mode = Mode { stiffness, damping };
+                for scheme in EXPLICIT {
+                    let limit = mode.largest_step(scheme);
+                    if scheme == SolverKind::Explicit && ratio == 0.0 {
+                        assert_eq!(limit, 0.0);
+                        assert!(mode.spectral_radius(scheme, 1e-3) > 1.0);
+                        continue;
+                    }
+                    for f in [0.01, 0.3, 0.7, 0.99] {
+                        let r = mode.spectral_radius(scheme, f * limit);
+                        assert!(r < 1.0 + 1e-7, "{scheme} {mode:?} at {f}: {r}");
+                    }
+                    let r = mode.spectral_radius(scheme, 1.01 * limit);
+                    assert!(r > 1.0 + 1e-6, "{scheme} {mode:?}: {r}");
+                }
+                for h in [1e-3, 1.0, 1e3] {
+                    let r = mode.spectral_radius(SolverKind::Implicit, h);
+                    assert!(r < 1.0, "{mode:?} {h} s: {r}");
+                }
+            }
         }
     }
 }

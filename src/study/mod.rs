@@ -8,6 +8,7 @@ mod motion;
 mod run;
 mod scale;
 mod sheet;
+mod stability;
 mod state_map;
 
 pub use chart::{Chart, Look, Series};
@@ -23,8 +24,15 @@ use std::path::Path;
 pub type Study = fn(&Run, Option<&Path>) -> Result<()>;
 
 /// The studies by their names on the command line, each with a line that says what it is.
-pub const STUDIES: &[(&str, &str, Study)] = &[(
-    "motion",
-    "Error of motion against its cost: every solver, step and linear solve, and the model itself",
-    motion::run,
-)];
+pub const STUDIES: &[(&str, &str, Study)] = &[
+    (
+        "motion",
+        "Error of motion against its cost: every solver, step and linear solve, and the model itself",
+        motion::run,
+    ),
+    (
+        "stability",
+        "Which steps each solver holds at which stiffness, and where methods fail",
+        stability::run,
+    ),
+];

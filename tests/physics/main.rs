@@ -7,6 +7,7 @@ mod bodies;
 mod common;
 mod cuts;
 mod derivatives;
+mod extremes;
 mod failures;
 mod grabs;
 mod grids;

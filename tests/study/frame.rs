@@ -6,7 +6,7 @@ use palpate::study::{Axis, Cell, Chart, Look, Run, Series, StateMap};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-fn run<T>(dir: &Path, stop: &AtomicBool, work: impl FnOnce(&Run) -> T) -> T {
+pub fn run<T>(dir: &Path, stop: &AtomicBool, work: impl FnOnce(&Run) -> T) -> T {
     work(&Run {
         gpu: &gpu(),
         dir,

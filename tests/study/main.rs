@@ -4,6 +4,7 @@
 
 mod frame;
 mod motion;
+mod stability;
 
 use palpate::gpu::Gpu;
 use std::sync::OnceLock;

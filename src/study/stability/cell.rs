@@ -1,0 +1,196 @@
+//! One cell of a map: a body released under gravity, stepped, and held against float64.
+
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::physics::{
+    Body, ConjugateGradients, ImplicitEuler, Material, Solver, SolverKind, SpringNetwork,
+};
+use crate::reference::spectrum::Linearised;
+use crate::reference::springs::Particles;
+use crate::reference::steppers::VelocityVerlet;
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Steps of a cell at most, and at least: instability needs some to show.
+const STEPS: [u32; 2] = [40, 500];
+
+/// The motion that is watched, in largest steps of undamped Verlet: two or three swings.
+const WATCHED: f64 = 200.0;
+
+/// Times at which the body is held against the truth.
+const SAMPLES: u32 = 4;
+
+/// An error that is still called accurate: root mean square over the nodes, over the largest such
+/// displacement of the truth.
+pub const ACCURATE: f64 = 0.1;
+
+const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
+
+/// A solver as the maps have it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Method {
+    pub name: &'static str,
+    pub kind: SolverKind,
+    /// Iterations a step at most, where fewer than the solver's own.
+    pub iterations: Option<u32>,
+}
+
+impl Method {
+    fn solver(&self, gpu: &Gpu, body: &Body) -> Result<Box<dyn Solver>> {
+        match self.iterations {
+            None => self.kind.solver(gpu, body),
+            Some(max_iterations) => {
+                let settings = ConjugateGradients {
+                    max_iterations,
+                    ..ConjugateGradients::default()
+                };
+                Ok(Box::new(ImplicitEuler::with(gpu, body, settings)?))
+            }
+        }
+    }
+}
+
+/// What became of a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// An index into [`STATES`].
+    pub state: usize,
+    /// Root mean square over the nodes, over the largest displacement of the truth; not a number
+    /// where the run ended before the first comparison.
+    pub error: f64,
+    /// Steps completed.
+    pub steps: u64,
+}
+
+/// The states of a cell.
+pub const STATES: [&str; 4] = ["stable", "inaccurate", "diverged", "CG not converged"];
+
+/// A body to be released, and what it does in float64.
+pub struct Trial {
+    mesh: TetMesh,
+    material: Material,
+    pinned: Vec<u32>,
+    /// Positions in file units at equal times from 0 on.
+    truth: Vec<Vec<DVec3>>,
+    /// Seconds between them, and all of them.
+    interval: f64,
+    watched: f64,
+    /// The largest displacement of the truth, root mean square over the nodes, in file units.
+    largest: f64,
+    linear: Linearised,
+}
+
+impl Trial {
+    /// The body of `mesh` made of `material`, held where `held` says.
+    pub fn new(mesh: &TetMesh, material: &Material, held: impl Fn(DVec3) -> bool) -> Result<Trial> {
+        let network = SpringNetwork::new(mesh, material)?;
+        let pinned: Vec<bool> = mesh.nodes.iter().map(|p| held(*p)).collect();
+        let linear = Linearised::new(&network, &pinned);
+        let undamped = 2.0 / linear.stiffest_mode().stiffness.sqrt();
+        let limit = linear.largest_step(SolverKind::VelocityVerlet);
+        let limit = limit.map_or(undamped, |l| l.step);
+        // A fraction of both: damping that is stiff must be stable, not resolved.
+        let step = (undamped / 16.0).min(limit / 3.0);
+        let watched = WATCHED * undamped;
+        let samples = 1000usize;
+        let each = (watched / samples as f64 / step).ceil() as usize;
+        let interval = watched / samples as f64;
+        let step = interval / each as f64;
+        let mut p = Particles::new(network);
+        p.gravity = GRAVITY;
+        for (a, b) in p.pinned.iter_mut().zip(&pinned) {
+            *a |= *b;
+        }
+        let mut stepper = VelocityVerlet::default();
+        let mut truth = vec![mesh.nodes.clone()];
+        for _ in 0..samples {
+            for _ in 0..each {
+                stepper.step(&mut p, step);
+            }
+            truth.push(p.x.iter().map(|x| p.network.to_file(*x)).collect());
+        }
+        let largest = truth
+            .iter()
+            .map(|x| apart(x, &mesh.nodes))
+            .fold(0.0, f64::max);
+        Ok(Trial {
+            mesh: mesh.clone(),
+            material: material.clone(),
+            pinned: (0..pinned.len() as u32)
+                .filter(|i| pinned[*i as usize])
+                .collect(),
+            truth,
+            interval,
+            watched,
+            largest,
+            linear,
+        })
+    }
+
+    /// The largest step of `kind` by theory, in seconds; none where there is no limit.
+    pub fn limit(&self, kind: SolverKind) -> Option<f64> {
+        self.linear.largest_step(kind).map(|l| l.step)
+    }
+
+    /// Releases the body and steps it by `h` seconds.
+    pub fn run(&self, gpu: &Gpu, method: Method, h: f64) -> Result<Outcome> {
+        let mut body = Body::new(gpu, &self.mesh, &self.material)?;
+        body.pin_nodes(&self.pinned)?;
+        body.set_gravity(GRAVITY);
+        let mut solver = method.solver(gpu, &body)?;
+        let within = (self.watched / h).floor();
+        let compared = within.clamp(1.0, f64::from(STEPS[1])) as u32;
+        let total = compared.max(STEPS[0]);
+        let (mut done, mut error) = (0, f64::NAN);
+        let stops = (1..=SAMPLES).map(|s| (compared * s / SAMPLES, true));
+        for (stop, compare) in stops.chain([(total, false)]) {
+            if stop <= done {
+                continue;
+            }
+            match solver.run(&mut body, stop - done, h) {
+                Ok(_) => done = stop,
+                Err(Error::Solver { step, what, .. }) => {
+                    let state = if what.contains("conjugate gradients") {
+                        3
+                    } else {
+                        2
+                    };
+                    let steps = step - 1;
+                    return Ok(Outcome {
+                        state,
+                        error,
+                        steps,
+                    });
+                }
+                Err(other) => return Err(other),
+            }
+            if compare {
+                let truth = self.truth_at(f64::from(done) * h);
+                let off = apart(&body.positions()?, &truth) / self.largest;
+                error = error.max(off);
+            }
+        }
+        Ok(Outcome {
+            state: usize::from(error > ACCURATE),
+            error,
+            steps: u64::from(done),
+        })
+    }
+
+    /// Where the nodes are in truth; after the end of what is watched, where they are then.
+    fn truth_at(&self, time: f64) -> Vec<DVec3> {
+        let at = time / self.interval;
+        let last = self.truth.len() - 1;
+        let before = (at.floor() as usize).min(last);
+        let after = (before + 1).min(last);
+        let share = (at - before as f64).clamp(0.0, 1.0);
+        let pairs = self.truth[before].iter().zip(&self.truth[after]);
+        pairs.map(|(a, b)| a.lerp(*b, share)).collect()
+    }
+}
+
+/// Root mean square distance.
+fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
+    (sum / a.len() as f64).sqrt()
+}

@@ -1,0 +1,374 @@
+//! Maps over step size and stiffness.
+
+use super::cell::{ACCURATE, Method, STATES, Trial};
+use crate::Result;
+use crate::mesh::{QualityReport, TetMesh, generate};
+use crate::physics::{Material, SolverKind, Stiffness};
+use crate::study::{Axis, Cell, Look, Row, Run, Series, StateMap};
+use std::path::Path;
+
+const SETTINGS: [&str; 5] = ["body", "solver", "damping_time_s", "stiffness", "step_s"];
+const RESULTS: [&str; 4] = ["state", "error_percent", "steps", "limit_s"];
+
+/// The heart of the Chaste project, in cm, as `../shared/data` has it.
+const HEART: &str = "../shared/data/scalar/chaste_heart_decimation.vtu";
+
+/// Damping in proportion to stiffness, s: explicit Euler then takes the paper's 0.001 s at its
+/// κ of 3,000 N/m.
+const DAMPING: f64 = 1e-3;
+
+const METHODS: [Method; 6] = [
+    method("explicit", SolverKind::Explicit, None),
+    method("symplectic", SolverKind::Symplectic, None),
+    method("verlet", SolverKind::Verlet, None),
+    method("velocity-verlet", SolverKind::VelocityVerlet, None),
+    method("implicit", SolverKind::Implicit, None),
+    method("implicit-10", SolverKind::Implicit, Some(10)),
+];
+
+const fn method(name: &'static str, kind: SolverKind, iterations: Option<u32>) -> Method {
+    Method {
+        name,
+        kind,
+        iterations,
+    }
+}
+
+/// A body to be mapped.
+struct Subject {
+    name: &'static str,
+    mesh: TetMesh,
+    material: Material,
+    /// Nodes up to here along x are held.
+    held: f64,
+    /// Of the stiffness: its axis, and the values.
+    axis: &'static str,
+    stiffnesses: Vec<f64>,
+    steps: Vec<f64>,
+    dampings: Vec<f64>,
+    methods: Vec<Method>,
+}
+
+impl Subject {
+    fn material(&self, stiffness: f64, damping_time: f64) -> Material {
+        Material {
+            stiffness: match self.material.stiffness {
+                Stiffness::Young(_) => Stiffness::Young(stiffness),
+                Stiffness::Uniform(_) => Stiffness::Uniform(stiffness),
+            },
+            damping_time,
+            ..self.material.clone()
+        }
+    }
+
+    fn trial(&self, stiffness: f64, damping_time: f64) -> Result<Trial> {
+        let material = self.material(stiffness, damping_time);
+        Trial::new(&self.mesh, &material, |p| p.x <= self.held)
+    }
+
+    fn points(&self) -> Vec<Vec<Cell>> {
+        let mut points = Vec::new();
+        for damping in &self.dampings {
+            for stiffness in &self.stiffnesses {
+                for method in &self.methods {
+                    for step in &self.steps {
+                        points.push(vec![
+                            self.name.into(),
+                            method.name.into(),
+                            (*damping).into(),
+                            (*stiffness).into(),
+                            (*step).into(),
+                        ]);
+                    }
+                }
+            }
+        }
+        points
+    }
+}
+
+/// `per` values a decade from 10^`from` to 10^`to`, rounded as people round.
+fn decades(from: i32, to: i32, within: &[f64]) -> Vec<f64> {
+    let mut values: Vec<f64> = (from..to)
+        .flat_map(|d| within.iter().map(move |w| format!("{w}e{d}")))
+        .chain([format!("1e{to}")])
+        .filter_map(|text| text.parse().ok())
+        .collect();
+    values.sort_by(f64::total_cmp);
+    values
+}
+
+fn bar(quick: bool) -> Result<Subject> {
+    let few = [METHODS[1], METHODS[2], METHODS[4]];
+    let mut stiffnesses = decades(2, 6, &[1.0, 3.0]);
+    stiffnesses.extend([3e6]);
+    Ok(Subject {
+        name: "bar",
+        mesh: generate::paper_bar()?,
+        // Damped along the springs, which lets the modes decouple.
+        material: Material {
+            stiffness: Stiffness::Uniform(1.0),
+            ..Material::young(1.0)
+        },
+        held: 1e-3,
+        axis: "spring constant κ (N/m)",
+        stiffnesses: if quick { vec![3e3, 3e4] } else { stiffnesses },
+        steps: match quick {
+            true => vec![1e-4, 1e-3, 1e-2, 5e-2],
+            false => decades(-5, 0, &[1.0, 2.0, 5.0]),
+        },
+        dampings: if quick { vec![0.0] } else { vec![0.0, DAMPING] },
+        methods: if quick {
+            few.to_vec()
+        } else {
+            METHODS.to_vec()
+        },
+    })
+}
+
+fn heart(mesh: TetMesh) -> Subject {
+    let (low, high) = mesh.bounds();
+    Subject {
+        name: "heart",
+        held: low.x + 0.05 * (high.x - low.x),
+        mesh,
+        material: Material {
+            length_unit: 0.01,
+            density: 1060.0,
+            ..Material::young(1.0)
+        },
+        axis: "Young's modulus (Pa)",
+        stiffnesses: decades(3, 7, &[1.0]),
+        steps: decades(-5, 0, &[1.0, 3.0]),
+        dampings: vec![0.0, DAMPING],
+        methods: METHODS[..5].to_vec(),
+    }
+}
+
+pub fn run(run: &Run) -> Result<()> {
+    let bar = bar(run.quick)?;
+    let mut told = finding_of_bar(&measure(run, &bar)?);
+    let mut charts = draw(run, &bar)?;
+    if !run.quick {
+        match Path::new(HEART).exists() {
+            true => {
+                let heart = heart(crate::io::read(HEART)?);
+                let rows = measure(run, &heart)?;
+                told += &finding_of_heart(&heart, &rows);
+                charts.extend(draw(run, &heart)?);
+            }
+            false => run.note(&format!(
+                "{HEART} is not there: the maps of a real mesh are left out"
+            )),
+        }
+    }
+    let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
+    run.tell(
+        "stability",
+        "Stability over step size and stiffness",
+        &told,
+        &charts,
+    )
+}
+
+fn measure(run: &Run, subject: &Subject) -> Result<Vec<Row>> {
+    let mut known: Option<([f64; 2], Trial)> = None;
+    run.measure(
+        "stability",
+        &SETTINGS,
+        &RESULTS,
+        &subject.points(),
+        |point| {
+            let [damping, stiffness, step] = [2, 3, 4].map(|i| point[i].number());
+            let trial = match known.take() {
+                Some((of, trial)) if of == [damping, stiffness] => trial,
+                _ => subject.trial(stiffness, damping)?,
+            };
+            let method = subject
+                .methods
+                .iter()
+                .find(|m| m.name == point[1].text())
+                .copied()
+                .unwrap_or(METHODS[0]);
+            let outcome = trial.run(run.gpu, method, step)?;
+            let limit = trial.limit(method.kind).unwrap_or(f64::INFINITY);
+            known = Some(([damping, stiffness], trial));
+            Ok(vec![
+                STATES[outcome.state].into(),
+                (100.0 * outcome.error).into(),
+                (outcome.steps as f64).into(),
+                limit.into(),
+            ])
+        },
+    )
+}
+
+/// The maps of a body from what is measured of it; their names.
+fn draw(run: &Run, subject: &Subject) -> Result<Vec<String>> {
+    let mut charts = Vec::new();
+    let rows = measure(run, subject)?;
+    for method in &subject.methods {
+        for damping in &subject.dampings {
+            let damped = if *damping > 0.0 { "-damped" } else { "" };
+            let state = |stiffness: f64, step: f64| {
+                let row = at(&rows, method.name, *damping, stiffness, step);
+                row.and_then(|r| STATES.iter().position(|s| *s == r.text("state")))
+            };
+            let cells = subject.stiffnesses.iter().flat_map(|k| {
+                let of = subject.steps.iter().map(|h| state(*k, *h));
+                of.map(|s| s.unwrap_or(usize::MAX)).collect::<Vec<_>>()
+            });
+            let kind = match damping {
+                0.0 => "undamped".to_owned(),
+                _ => format!("damped by {damping} s·κ"),
+            };
+            let map = StateMap {
+                title: format!("{}, {}, {kind}", subject.name, method.name),
+                x: Axis::log("step h (s)"),
+                y: Axis::log(subject.axis),
+                xs: subject.steps.clone(),
+                ys: subject.stiffnesses.clone(),
+                states: STATES.map(str::to_owned).to_vec(),
+                cells: cells.collect(),
+                curves: limits(subject, *method, *damping)?,
+            };
+            let name = format!("stability-{}-{}{damped}", subject.name, method.name);
+            map.save(run.dir, &name)?;
+            charts.push(name);
+        }
+    }
+    Ok(charts)
+}
+
+/// The largest stable step by theory, over the stiffnesses of the map and beyond.
+fn limits(subject: &Subject, method: Method, damping: f64) -> Result<Vec<Series>> {
+    let [first, last] = [0, subject.stiffnesses.len() - 1].map(|i| subject.stiffnesses[i]);
+    let mut points = Vec::new();
+    for i in 0..=40 {
+        let share = -0.5 + 2.0 * f64::from(i) / 40.0;
+        let stiffness = first * (last / first).powf(share);
+        let material = subject.material(stiffness, damping);
+        let network = crate::physics::SpringNetwork::new(&subject.mesh, &material)?;
+        let pinned: Vec<bool> = subject
+            .mesh
+            .nodes
+            .iter()
+            .map(|p| p.x <= subject.held)
+            .collect();
+        match crate::physics::largest_stable_step(&network, &pinned, method.kind) {
+            Some(h) if h > 0.0 => points.push([h, stiffness]),
+            _ => {}
+        }
+    }
+    Ok(match points.is_empty() {
+        true => Vec::new(),
+        false => vec![Series::new("limit by theory", Look::Dashed, points)],
+    })
+}
+
+fn at<'a>(
+    rows: &'a [Row],
+    solver: &str,
+    damping: f64,
+    stiffness: f64,
+    step: f64,
+) -> Option<&'a Row> {
+    rows.iter().find(|r| {
+        r.text("solver") == solver
+            && r.number("damping_time_s") == damping
+            && r.number("stiffness") == stiffness
+            && r.number("step_s") == step
+    })
+}
+
+/// How a cell is told: its state, and its error where there is one.
+fn told(row: Option<&Row>) -> String {
+    match row {
+        None => "not measured".into(),
+        Some(r) if r.number("error_percent").is_finite() => {
+            format!(
+                "{} ({:.1} % off)",
+                r.text("state"),
+                r.number("error_percent")
+            )
+        }
+        Some(r) => format!("{} at step {}", r.text("state"), r.number("steps") + 1.0),
+    }
+}
+
+/// Of the explicit solvers' cells: below the limit of theory, those that held; above, those that
+/// failed.
+fn agreement(rows: &[Row]) -> String {
+    let (mut below, mut above) = ([0, 0], [0, 0]);
+    for row in rows {
+        let (limit, step) = (row.number("limit_s"), row.number("step_s"));
+        if !limit.is_finite() {
+            continue;
+        }
+        let failed = usize::from(row.text("state") == "diverged");
+        if step <= limit {
+            below[0] += 1;
+            below[1] += 1 - failed;
+        } else {
+            above[0] += 1;
+            above[1] += failed;
+        }
+    }
+    format!(
+        "Below the limit of theory {} of {} cells of the explicit solvers held, above it {} of {} failed and were stopped.",
+        below[1], below[0], above[1], above[0]
+    )
+}
+
+fn implicit(rows: &[Row]) -> String {
+    let cells: Vec<&Row> = rows
+        .iter()
+        .filter(|r| r.text("solver") == "implicit")
+        .collect();
+    let count = |state: &str| cells.iter().filter(|r| r.text("state") == state).count();
+    format!(
+        "Of {} cells of implicit Euler {} diverged, in {} its conjugate gradients did not converge, and {} are stable but more than {} % off.",
+        cells.len(),
+        count("diverged"),
+        count("CG not converged"),
+        count("inaccurate"),
+        100.0 * ACCURATE
+    )
+}
+
+fn finding_of_bar(rows: &[Row]) -> String {
+    let cell = |solver: &str, damping, k, h| told(at(rows, solver, damping, k, h));
+    let mut text = format!(
+        "The paper's bar (80 tets, held at one end, released under gravity), every cell at most 500 steps, held against float64 over some two swings. {} {}\n\nThe paper's own settings: Verlet at κ = 3,000 N/m and h = 0.001 s: {}; at 30,000 N/m: {}; at 3,000 N/m and h = 0.01 s: {}. Implicit Euler at κ = 30,000 N/m and h = 0.01 s: {}; at h = 0.05 s, which the paper suggests: {}",
+        agreement(rows),
+        implicit(rows),
+        cell("verlet", 0.0, 3e3, 1e-3),
+        cell("verlet", 0.0, 3e4, 1e-3),
+        cell("verlet", 0.0, 3e3, 1e-2),
+        cell("implicit", 0.0, 3e4, 1e-2),
+        cell("implicit", 0.0, 3e4, 5e-2),
+    );
+    if at(rows, "explicit", DAMPING, 3e3, 1e-3).is_some() {
+        text += &format!(
+            "; at κ = 3,000,000 N/m and h = 0.01 s: {}. Explicit Euler at κ = 3,000 N/m and h = 0.001 s is {} undamped, and {} damped by {DAMPING} s·κ",
+            cell("implicit", 0.0, 3e6, 1e-2),
+            cell("explicit", 0.0, 3e3, 1e-3),
+            cell("explicit", DAMPING, 3e3, 1e-3),
+        );
+    }
+    text + "."
+}
+
+fn finding_of_heart(heart: &Subject, rows: &[Row]) -> String {
+    let quality = QualityReport::new(&heart.mesh);
+    format!(
+        "\n\nA real heart ({} tets, of which {} are slivers; the smallest angle is {:.1}°). {} {} Verlet at 30 kPa and h = 0.001 s is {}, implicit Euler at h = 0.01 s {}.",
+        heart.mesh.tets.len(),
+        quality.slivers,
+        quality.min_dihedral,
+        agreement(rows),
+        implicit(rows),
+        told(at(rows, "verlet", 0.0, 1e4, 1e-3)),
+        told(at(rows, "implicit", 0.0, 1e4, 1e-2)),
+    )
+}
