@@ -51,6 +51,8 @@ impl Particles {
     fn gather(&self, share: impl Fn(usize, usize, &Spring) -> DVec3 + Sync) -> Vec<DVec3> {
         self.rows
             .par_iter()
+            // A small body is summed faster than its work is shared out.
+            .with_min_len(256)
             .enumerate()
             .map(|(i, row)| {
                 row.iter()
@@ -98,12 +100,13 @@ impl Particles {
             let [a, b] = s.nodes.map(|v| self.x[v as usize]);
             0.5 * s.stiffness * (a.distance(b) - s.length).powi(2)
         };
-        self.network.springs.par_iter().map(energy).sum()
+        let springs = self.network.springs.par_iter().with_min_len(1024);
+        springs.map(energy).sum()
     }
 
     /// Energy of motion, Σ ½mv², J.
     pub fn kinetic_energy(&self) -> f64 {
-        let masses = self.network.masses.par_iter();
+        let masses = self.network.masses.par_iter().with_min_len(1024);
         masses
             .zip(&self.v)
             .map(|(m, v)| 0.5 * m * v.length_squared())

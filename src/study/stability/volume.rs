@@ -107,8 +107,9 @@ impl Filled {
                 body.step(h);
             }
             let rest = &body.particles.network.rest;
-            let moved = body.particles.x.iter().zip(rest);
-            moved.map(|(x, r)| x.distance(*r)).fold(0.0, f64::max) < 1e-4
+            // Not a number is not near.
+            let mut moved = body.particles.x.iter().zip(rest);
+            moved.all(|(x, r)| x.distance(*r) < 1e-4)
         };
         let mut low = start;
         while !stable(low) {
@@ -128,9 +129,9 @@ impl Filled {
         low
     }
 
-    /// Steps until nothing moves, or 20,000 times.
+    /// Steps until nothing moves, or 10,000 times.
     fn settle(&mut self, h: f64) {
-        for step in 0..20_000 {
+        for step in 0..10_000 {
             self.step(h);
             let fastest = self.particles.v.iter().map(|v| v.length());
             if step % 50 == 49 && fastest.fold(0.0, f64::max) * h < 1e-9 {
