@@ -1,5 +1,5 @@
 // How each base triangle stands to the eye: the least angle between the direction to the eye and
-// the normals that carry the skin on it, how much it strains what it carries, and the sides of
+// the normals that carry skin on it, how much it strains what it carries, and the sides of
 // the picture that it lies beyond. Once a picture. The twin of `reference::culling::outlook`.
 
 #import lib/array
@@ -20,8 +20,9 @@ struct CullBase {
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var node_normals: texture_2d<u32>;
-// Two texels each: nodes, and how far vertices stand off at most; inverse of the squared edges at rest (xx, xy, yy),
-// and 1 / (1 - bend) there.
+// Three texels each: nodes, and how far vertices stand off at most; inverse of the matrix of
+// edges' products at rest (xx, xy, yy), and what is carried: bit 0 by the nodes' normals, bit 1 by
+// the triangle's; offset times curvature along each side at rest.
 @group(0) @binding(2) var base: texture_2d<u32>;
 // Angle, strain, sides.
 @group(0) @binding(3) var outlooks: texture_storage_2d<rgba32uint, write>;
@@ -68,8 +69,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if i >= params.triangles {
         return;
     }
-    let nodes = textureLoad(base, at(2u * i), 0);
-    let rest = bitcast<vec4<f32>>(textureLoad(base, at(2u * i + 1u), 0));
+    let nodes = textureLoad(base, at(3u * i), 0);
+    let second = textureLoad(base, at(3u * i + 1u), 0);
+    let rest = bitcast<vec4<f32>>(second);
+    let rest_bends = bitcast<vec4<f32>>(textureLoad(base, at(3u * i + 2u), 0));
     let offset = bitcast<f32>(nodes.w);
     var p: array<vec3<f32>, 3>;
     var n: array<vec3<f32>, 3>;
@@ -84,7 +87,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let v = p[2] - p[0];
     let edges = vec3(dot(u, u), dot(v - u, v - u), dot(v, v));
     let longest = sqrt(max(edges.x, max(edges.y, edges.z)));
-    let shortest = sqrt(min(edges.x, min(edges.y, edges.z)));
     let reach = offset + longest;
 
     // The squares of the principal stretches are the eigenvalues of (edges at rest)⁻¹ (edges now).
@@ -95,10 +97,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let largest = 0.5 * (trace + root);
     let smallest = det / max(largest, 1e-30);
     let stretch = sqrt(max(largest, 1.0) / max(min(smallest, 1.0), 1e-12));
-    // What stands off a bent triangle is strained by the bend too.
-    let turn = max(angle(n[0], n[1]), max(angle(n[1], n[2]), angle(n[2], n[0])));
-    let bend = min(offset * turn / max(shortest, 1e-30), MOST_BEND);
-    let strain = min(stretch * rest.w / (1.0 - bend), MOST_STRAIN);
+    // What stands off is stretched along a side by 1 + offset times curvature.
+    var bent = 1.0;
+    for (var k = 0u; k < 3u; k++) {
+        let next = (k + 1u) % 3u;
+        let side = p[next] - p[k];
+        let bend = clamp(offset * dot(n[next] - n[k], side) / max(dot(side, side), 1e-30), -MOST_BEND, MOST_BEND);
+        let outwards = (1.0 + bend) / (1.0 + rest_bends[k]);
+        let inwards = (1.0 - bend) / (1.0 - rest_bends[k]);
+        bent = max(bent, max(max(outwards, 1.0 / outwards), max(inwards, 1.0 / inwards)));
+    }
+    let strain = min(stretch * bent, MOST_STRAIN);
 
     let face = turned(cross(u, v));
     var least = 4.0;
@@ -109,7 +118,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         if params.view.depth.z > 0.0 {
             aside = asin(min(reach / max(length(eye), 1e-30), 1.0));
         }
-        least = min(least, min(angle(turned(n[k]), eye), angle(face, eye)) - aside);
+        let smooth_ = select(4.0, angle(turned(n[k]), eye), (second.w & 1u) != 0u);
+        let flat_ = select(4.0, angle(face, eye), (second.w & 2u) != 0u);
+        least = min(least, min(smooth_, flat_) - aside);
     }
     let q = to_camera(params.view, p[0]);
     if q.z - reach < params.view.near {

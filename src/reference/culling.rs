@@ -34,13 +34,18 @@ pub struct CullBase {
     /// The inverse of the matrix of its edges' products at rest: (xx, xy, yy) for the edges from
     /// the first node to the second and to the third.
     pub inverse: [f64; 3],
-    /// What [`bend`] makes of it at rest: 1 / (1 − bend).
-    pub bent: f64,
+    /// By how much what stands off is stretched along each side, because the normals turn: offset
+    /// times curvature.
+    pub bends: [f64; 3],
+    /// Whether something turns with the nodes' normals.
+    pub smooth: bool,
+    /// Whether something turns with the triangle alone.
+    pub flat: bool,
 }
 
 impl CullBase {
     /// Of the triangle `rest` with `normals` at its nodes, whose vertices stand off up to
-    /// `offset`.
+    /// `offset`; nothing turns with it yet.
     pub fn new(nodes: [u32; 3], rest: [DVec3; 3], normals: [DVec3; 3], offset: f64) -> CullBase {
         let (u, v) = (rest[1] - rest[0], rest[2] - rest[0]);
         let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
@@ -49,19 +54,21 @@ impl CullBase {
             nodes,
             offset,
             inverse: [vv / det, -uv / det, uu / det],
-            bent: 1.0 / (1.0 - bend(rest, normals, offset)),
+            bends: bends(rest, normals, offset),
+            smooth: false,
+            flat: false,
         }
     }
 }
 
-/// By how much what stands off by `offset` is strained, because the normals turn across the
-/// triangle `p`.
-fn bend(p: [DVec3; 3], n: [DVec3; 3], offset: f64) -> f64 {
-    let sides = [0, 1, 2].map(|k| p[k].distance(p[(k + 1) % 3]));
-    let shortest = sides.into_iter().fold(f64::INFINITY, f64::min);
-    let turns = [0, 1, 2].map(|k| angle(n[k], n[(k + 1) % 3]));
-    let turn = turns.into_iter().fold(0.0, f64::max);
-    (offset * turn / shortest.max(1e-30)).min(MOST_BEND)
+/// Offset times curvature along each side of the triangle `p` with normals `n`.
+fn bends(p: [DVec3; 3], n: [DVec3; 3], offset: f64) -> [f64; 3] {
+    [0, 1, 2].map(|k| {
+        let next = (k + 1) % 3;
+        let side = p[next] - p[k];
+        let curvature = (n[next] - n[k]).dot(side) / side.length_squared().max(1e-30);
+        (offset * curvature).clamp(-MOST_BEND, MOST_BEND)
+    })
 }
 
 fn angle(a: DVec3, b: DVec3) -> f64 {
@@ -71,8 +78,8 @@ fn angle(a: DVec3, b: DVec3) -> f64 {
 /// How a base triangle stands to the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outlook {
-    /// The least angle between the direction to the eye and the normals of the nodes and the
-    /// triangle, seen from anywhere on what it carries; −1 where a node has no normal.
+    /// The least angle between the direction to the eye and the normals that carry something,
+    /// seen from anywhere there; −1 where a node has no normal.
     pub angle: f64,
     /// The strain of what it carries.
     pub strain: f64,
@@ -96,7 +103,15 @@ pub fn outlook(
     let smallest = det / largest.max(1e-30);
     let stretch = (largest.max(1.0) / smallest.clamp(1e-12, 1.0)).sqrt();
     let known = n.map(|n| n.unwrap_or(DVec3::ZERO));
-    let strain = stretch * base.bent / (1.0 - bend(p, known, base.offset));
+    let now = bends(p, known, base.offset);
+    let mut bent: f64 = 1.0;
+    for (now, rest) in now.iter().zip(base.bends) {
+        for side in [1.0, -1.0] {
+            let ratio = (1.0 + side * now) / (1.0 + side * rest);
+            bent = bent.max(ratio).max(1.0 / ratio);
+        }
+    }
+    let strain = stretch * bent;
     let longest = uu.max(vv).max((v - u).length_squared()).sqrt();
     let reach = base.offset + longest;
     let least = (0..3).map(|k| {
@@ -107,7 +122,17 @@ pub fn outlook(
                 (to_eye, (reach / to_eye.length()).min(1.0).asin())
             }
         };
-        angle(known[k], to_eye).min(angle(u.cross(v), to_eye)) - aside
+        let smooth = if base.smooth {
+            angle(known[k], to_eye)
+        } else {
+            4.0
+        };
+        let flat = if base.flat {
+            angle(u.cross(v), to_eye)
+        } else {
+            4.0
+        };
+        smooth.min(flat) - aside
     });
     let least = least.fold(f64::INFINITY, f64::min);
     Outlook {
@@ -151,6 +176,12 @@ impl Tilts {
             let n = of.map(|i| normals[i as usize].unwrap_or_default());
             CullBase::new(*of, rest, n, *offset)
         });
+        let mut bases: Vec<CullBase> = bases.collect();
+        for (b, own) in bound.iter().zip(&own) {
+            let base = &mut bases[*own as usize];
+            base.smooth |= b.interpolated;
+            base.flat |= !b.interpolated;
+        }
         // Where the mapping has the vertices at rest, and the normals that carry them.
         let carried = bound.iter().map(|b| {
             let p = b.nodes.map(|i| nodes[i as usize]);
@@ -174,7 +205,7 @@ impl Tilts {
             half.into_iter().fold(0.0, f64::max).min(ANY_WAY)
         };
         Tilts {
-            bases: bases.collect(),
+            bases,
             triangles: corners
                 .iter()
                 .map(|t| (t.map(|v| own[v as usize]), tilt(t)))

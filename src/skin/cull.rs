@@ -164,12 +164,16 @@ impl Cull {
     }
 }
 
-/// The two texels of a base triangle.
-fn base_texels(base: &CullBase) -> [[u32; 4]; 2] {
+/// The texels of a base triangle.
+fn base_texels(base: &CullBase) -> [[u32; 4]; 3] {
+    let float = |x: f64| (x as f32).to_bits();
     let [a, b, c] = base.nodes;
-    let [xx, xy, yy] = base.inverse;
+    let [xx, xy, yy] = base.inverse.map(float);
+    let [ab, bc, ca] = base.bends.map(float);
+    let kinds = u32::from(base.smooth) | u32::from(base.flat) << 1;
     [
-        [a, b, c, (base.offset as f32).to_bits()],
-        [xx, xy, yy, base.bent].map(|x| (x as f32).to_bits()),
+        [a, b, c, float(base.offset)],
+        [xx, xy, yy, kinds],
+        [ab, bc, ca, 0],
     ]
 }

@@ -50,13 +50,20 @@ impl Ball {
     }
 }
 
+/// Bent, stretched and twisted.
 fn bend(p: DVec3) -> DVec3 {
     let turned = DVec3::new(
         p.x + 0.35 * p.z * p.z,
         1.2 * p.y,
         p.z + 0.1 * (3.0 * p.x).sin(),
     );
-    turned + 0.05 * DVec3::new(0.0, (4.0 * p.z).sin(), 0.0)
+    let (sin, cos) = (0.5 * p.z).sin_cos();
+    let twisted = DVec3::new(
+        cos * turned.x - sin * turned.y,
+        sin * turned.x + cos * turned.y,
+        turned.z,
+    );
+    twisted + 0.05 * DVec3::new(0.0, (4.0 * p.z).sin(), 0.0)
 }
 
 fn cameras() -> Vec<Camera> {
