@@ -1,6 +1,7 @@
 //! Explicit Euler; the twin of `shaders/physics/explicit_euler.wgsl` and `reference::steppers::explicit_euler`.
 
-use super::stepper::{self, Core, StepPasses, Timing};
+use super::step::{Core, StepPasses, Timing};
+use super::stepper;
 use super::{Body, SolverKind, moves};
 use crate::Result;
 

@@ -7,7 +7,8 @@
 //! is there. Where the iterations recorded for a step are not enough, the next ones recorded go on
 //! with it.
 
-use super::stepper::{self, Core, StepPasses, Stepper, Timing};
+use super::step::{Core, StepPasses, Timing};
+use super::stepper::{self, Stepper};
 use super::{Body, Damping, SolverKind};
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use crate::{Error, Result};

@@ -22,6 +22,7 @@ mod report;
 mod rows;
 mod solver;
 mod stability;
+mod step;
 mod stepper;
 mod symplectic_euler;
 mod tissue;

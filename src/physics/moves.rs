@@ -1,7 +1,7 @@
 //! The one pass that moves the nodes in an explicit scheme; the twin of `shaders/lib/move.wgsl`.
 
 use super::Body;
-use super::stepper::Core;
+use super::step::Core;
 use crate::Result;
 use crate::gpu::{Array, Pass};
 

@@ -1,41 +1,11 @@
 //! The chain of passes that every solver's step is: propose, weigh, check, commit.
 
-use super::body::Revision;
 use super::guard::gpu_data::Status;
-use super::guard::{Clock, ENERGY_FACTOR, ENERGY_FLOOR, HISTORY, Progress, StepRecord};
-use super::{Body, Damping, Solver, SolverKind};
-use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
+use super::guard::{Clock, HISTORY, Progress, StepRecord};
+use super::step::{Core, Prepared, StepPasses, Timing};
+use super::{Body, Solver, SolverKind};
+use crate::gpu::{Gpu, Pass, Recorder};
 use crate::{Error, Result};
-use glam::DVec3;
-
-mod gpu_data {
-    crate::gpu_struct! {
-        /// See `shaders/physics/spring_forces.wgsl`.
-        pub struct ForceParams {
-            pub gravity: [f32; 4],
-            pub nodes: u32,
-            pub damping: f32,
-            pub damping_time: f32,
-            pub axial: u32,
-            pub newton: f32,
-            pub _pad0: u32,
-            pub _pad1: u32,
-            pub _pad2: u32,
-        }
-    }
-    crate::gpu_struct! {
-        /// See `shaders/physics/check.wgsl`.
-        pub struct CheckParams {
-            pub kind: u32,
-            pub groups: u32,
-            pub history: u32,
-            pub dt: f32,
-            pub floor: f32,
-            pub factor: f32,
-        }
-    }
-}
-use gpu_data::{CheckParams, ForceParams};
 
 /// Spring visits in one submit: well below a second on the weakest GPU.
 const VISITS: f64 = 5e8;
@@ -48,56 +18,6 @@ const DISPATCHES: u32 = 8192;
 
 /// Pairs of iterations behind one gate.
 const GATED: u32 = 4;
-
-/// What all solvers have: the candidate state, the forces, and the guard.
-#[derive(Debug)]
-pub struct Core {
-    pub(super) gpu: Gpu,
-    pub(super) nodes: u32,
-    /// Threads a workgroup, and workgroups, of passes that sum over the nodes.
-    pub(super) workgroup: u32,
-    pub(super) groups: u32,
-    pub(super) next_positions: Array,
-    pub(super) next_velocities: Array,
-    pub(super) forces: Array,
-    pub(super) partials: wgpu::Buffer,
-    pub(super) status: wgpu::Buffer,
-    history: wgpu::Buffer,
-    body: u64,
-    /// Of the body, when the arrays were made for it.
-    generation: u64,
-    texels: u32,
-}
-
-/// The passes of one step, between the forces at its start and the check at its end.
-#[derive(Debug, Default)]
-pub struct StepPasses {
-    /// Everything before the iterations.
-    pub(super) before: Vec<Pass>,
-    /// In place of it in the first step after a restart, where that differs.
-    pub(super) after_restart: Option<Vec<Pass>>,
-    /// In place of it in the first step after a change of dt, where that differs.
-    pub(super) after_change: Option<Vec<Pass>>,
-    /// Before every [`GATED`] pairs of iterations.
-    pub(super) gate: Option<Pass>,
-    /// Two iterations of a linear solve.
-    pub(super) iterations: Vec<Pass>,
-    /// Everything after them, up to the candidate state.
-    pub(super) settle: Vec<Pass>,
-    /// The velocities that the candidate's forces see, where not the candidate's.
-    pub(super) velocities: Option<Array>,
-    /// After the candidate's forces.
-    pub(super) after: Vec<Pass>,
-}
-
-/// The length of a step, in local units.
-#[derive(Clone, Copy, Debug)]
-pub struct Timing {
-    /// This step's.
-    pub(super) dt: f32,
-    /// The step before's.
-    pub(super) before: f32,
-}
 
 /// What tells one solver from another.
 pub trait Scheme: Sized {
@@ -143,30 +63,6 @@ pub struct Stepper<S> {
     iterations: u32,
     /// Whether steps were recorded since the status was last read.
     unseen: bool,
-}
-
-/// Passes ready to be recorded, and what they were made for.
-#[derive(Debug)]
-struct Prepared {
-    dt: f64,
-    local_dt: f32,
-    gravity: DVec3,
-    /// The body as it was last left or found.
-    revision: Revision,
-    step: StepPasses,
-    /// The grabs' lists that `draw` was made for.
-    grabs: u64,
-    /// What grabs by springs pull with at the candidate's positions.
-    draw: Option<Pass>,
-    forces: Pass,
-    check: Pass,
-    commit: Pass,
-    /// Clears a failure.
-    forgive: Pass,
-    /// Before the first step on a state that was changed from outside: everything from it.
-    restart: [Pass; 2],
-    /// Before the first step of any other recording: external forces may have changed.
-    resume: [Pass; 2],
 }
 
 /// How the steps of a recording begin.
@@ -401,155 +297,5 @@ impl<S: Scheme> Solver for Stepper<S> {
         Ok((steps.saturating_sub(HISTORY)..steps)
             .map(|s| StepRecord::of_gpu(noted[(s % HISTORY) as usize], &body.units))
             .collect())
-    }
-}
-
-/// Threads a workgroup, and workgroups, of passes that sum over `nodes`.
-fn workgroups(gpu: &Gpu, nodes: usize) -> (u32, u32) {
-    // On a software adapter a workgroup costs microseconds: a few a core. A GPU wants many.
-    let cores = std::thread::available_parallelism().map_or(4, usize::from) as u32;
-    let (workgroup, most) = match gpu.adapter().device_type {
-        wgpu::DeviceType::Cpu => (64, (4 * cores).min(256)),
-        _ => (256, 512),
-    };
-    let groups = (nodes as u32).div_ceil(workgroup).clamp(1, most);
-    (workgroup, groups)
-}
-
-impl Core {
-    fn new(gpu: &Gpu, body: &Body) -> Result<Core> {
-        let nodes = body.node_count();
-        let (workgroup, groups) = workgroups(gpu, nodes);
-        let array = |label| gpu.roomy_array(label, Texel::F32x4, nodes);
-        Ok(Core {
-            gpu: gpu.clone(),
-            nodes: nodes as u32,
-            workgroup,
-            groups,
-            next_positions: array("next positions")?,
-            next_velocities: array("next velocities")?,
-            forces: array("forces")?,
-            partials: gpu.buffer("partial energies", u64::from(groups) * 16)?,
-            status: gpu.buffer("status", size_of::<Status>() as u64)?,
-            history: gpu.buffer("history", u64::from(HISTORY) * 16)?,
-            body: body.id,
-            generation: body.generation,
-            texels: body.columns.len(),
-        })
-    }
-
-    /// Makes its arrays as long as a cut has made the body; the count of steps goes on.
-    fn follow(&mut self, body: &Body) -> Result<()> {
-        let (gpu, nodes) = (self.gpu.clone(), body.node_count());
-        gpu.resize(&mut self.next_positions, "next positions", nodes)?;
-        gpu.resize(&mut self.next_velocities, "next velocities", nodes)?;
-        gpu.resize(&mut self.forces, "forces", nodes)?;
-        let (_, groups) = workgroups(&gpu, nodes);
-        if groups > self.groups {
-            self.partials = gpu.buffer("partial energies", u64::from(groups) * 16)?;
-        }
-        self.groups = groups;
-        self.nodes = nodes as u32;
-        self.generation = body.generation;
-        self.texels = body.columns.len();
-        Ok(())
-    }
-
-    fn prepare(&self, body: &Body, step: StepPasses, dt: f64, local_dt: f32) -> Result<Prepared> {
-        let velocities = step.velocities.as_ref().unwrap_or(&self.next_velocities);
-        let state = body.nodes().array();
-        Ok(Prepared {
-            dt,
-            local_dt,
-            gravity: body.gravity(),
-            revision: body.revision(),
-            grabs: 0,
-            draw: None,
-            forces: self.force_pass(body, &self.next_positions, velocities)?,
-            check: self.check_pass(0, local_dt)?,
-            commit: self
-                .gpu
-                .pass("physics/commit")
-                .read(&self.next_positions)
-                .read(&self.next_velocities)
-                .read(&self.status)
-                .write(state)
-                .write(&body.velocities)
-                .over(self.nodes)?,
-            forgive: self
-                .gpu
-                .pass("physics/restart")
-                .write(&self.status)
-                .over(1)?,
-            restart: [
-                self.force_pass(body, state, &body.velocities)?,
-                self.check_pass(2, local_dt)?,
-            ],
-            resume: [
-                self.force_pass(
-                    body,
-                    state,
-                    step.velocities.as_ref().unwrap_or(&body.velocities),
-                )?,
-                self.check_pass(1, local_dt)?,
-            ],
-            step,
-        })
-    }
-
-    pub(super) fn force_pass(
-        &self,
-        body: &Body,
-        positions: &Array,
-        velocities: &Array,
-    ) -> Result<Pass> {
-        let units = &body.units;
-        let gravity = (body.gravity() / units.acceleration()).as_vec3();
-        let params = ForceParams {
-            gravity: gravity.extend(0.0).to_array(),
-            nodes: self.nodes,
-            damping: (body.network.damping / units.damping()) as f32,
-            damping_time: (body.network.damping_time / units.time) as f32,
-            axial: u32::from(body.network.damping_kind == Damping::Axial),
-            newton: (1.0 / units.force()) as f32,
-            _pad0: 0,
-            _pad1: 0,
-            _pad2: 0,
-        };
-        self.gpu
-            .pass("physics/spring_forces")
-            .constant("WORKGROUP", f64::from(self.workgroup))
-            .read(positions)
-            .read(velocities)
-            .read(&body.masses)
-            .read(&body.external)
-            .read(&body.rows)
-            .read(&body.columns)
-            .read(&body.springs)
-            .read(&self.status)
-            .write(&self.forces)
-            .write(&self.partials)
-            .params(&params)
-            .over(self.groups * self.workgroup)
-    }
-
-    /// `kind` as in `shaders/physics/check.wgsl`.
-    fn check_pass(&self, kind: u32, local_dt: f32) -> Result<Pass> {
-        let params = CheckParams {
-            kind,
-            groups: self.groups,
-            history: HISTORY,
-            dt: local_dt,
-            floor: (ENERGY_FLOOR * f64::from(self.nodes)) as f32,
-            factor: ENERGY_FACTOR as f32,
-        };
-        self.gpu
-            .pass("physics/check")
-            .constant("WORKGROUP", f64::from(self.workgroup))
-            .read(&self.partials)
-            .write(&self.status)
-            .write(&self.history)
-            .params(&params)
-            .over(self.workgroup)
     }
 }

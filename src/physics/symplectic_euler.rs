@@ -1,6 +1,7 @@
 //! Symplectic Euler; the twin of `shaders/physics/symplectic_euler.wgsl` and `reference::steppers::symplectic_euler`.
 
-use super::stepper::{self, Core, StepPasses, Timing};
+use super::step::{Core, StepPasses, Timing};
+use super::stepper;
 use super::{Body, SolverKind, moves};
 use crate::Result;
 

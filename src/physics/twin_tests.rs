@@ -2,7 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use super::guard::gpu_data::Status;
-use super::stepper::{Scheme, Timing};
+use super::step::Timing;
+use super::stepper::Scheme;
 use super::{Body, Damping, ImplicitEuler, Material, Solver, SpringNetwork};
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{TetMesh, generate};

@@ -6,7 +6,8 @@
 //! in h as everything else is (Groot & Warren 1997 with λ = 1), where damping sets the limit at
 //! half the step.
 
-use super::stepper::{self, Core, StepPasses, Timing};
+use super::step::{Core, StepPasses, Timing};
+use super::stepper;
 use super::{Body, SolverKind, moves};
 use crate::Result;
 use crate::gpu::{Array, Texel};

@@ -5,7 +5,8 @@
 //! one of another length than the last, is kicked by the mean of the two lengths, which for
 //! h₋₁ = 0 is the start x₋₁ = x₀ − h v₀ + ½h² a₀.
 
-use super::stepper::{self, Core, StepPasses, Timing};
+use super::step::{Core, StepPasses, Timing};
+use super::stepper;
 use super::{Body, SolverKind, moves};
 use crate::Result;
 
