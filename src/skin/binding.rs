@@ -135,3 +135,26 @@ pub fn bind(
     }
     Ok((bound.into_iter().map(|b| b.0).collect(), report))
 }
+
+/// Flag of a vertex, see `lib/skin.wgsl`.
+const INTERPOLATED: u32 = 1;
+
+/// The texels of all vertices, four each.
+pub(super) fn records(bound: &[Bound], vertices: &Vertices) -> Vec<[u32; 4]> {
+    let all = bound.iter().zip(&vertices.handedness);
+    all.flat_map(|(b, handedness)| record(b, *handedness))
+        .collect()
+}
+
+/// The four texels of a vertex, see `lib/skin.wgsl`.
+fn record(bound: &Bound, handedness: f64) -> [[u32; 4]; 4] {
+    let bits = |v: DVec3, w: f64| v.extend(w).as_vec4().to_array().map(f32::to_bits);
+    let [a, b, c] = bound.nodes;
+    let flags = if bound.interpolated { INTERPOLATED } else { 0 };
+    [
+        [a, b, c, flags],
+        bits(bound.offset, bound.weights[1]),
+        bits(bound.normal, bound.weights[2]),
+        bits(bound.tangent, handedness),
+    ]
+}

@@ -6,6 +6,7 @@
 //! their order. The draw takes list and length from the GPU.
 
 use super::carrier::Carrier;
+use super::draw::Skin;
 use crate::Result;
 use crate::gpu::{Gpu, Pass, Recorder, Texel};
 use crate::mesh::unpack_normal;
@@ -53,9 +54,9 @@ pub(super) struct Cull {
     list: Pass,
     fresh: wgpu::Buffer,
     /// Of an indexed indirect draw, and a flag.
-    pub arguments: wgpu::Buffer,
+    pub(super) arguments: wgpu::Buffer,
     /// Three vertices for each triangle drawn.
-    pub drawn: wgpu::Buffer,
+    pub(super) drawn: wgpu::Buffer,
 }
 
 impl Cull {
@@ -161,6 +162,62 @@ impl Cull {
         let mut drawn: Vec<[u32; 3]> = gpu.read_buffer(&self.drawn)?;
         drawn.truncate(arguments.first().map_or(0, |n| *n as usize / 3));
         Ok(drawn)
+    }
+}
+
+impl Skin {
+    /// Whether triangles are left out, from now on, before their vertices are computed: those that
+    /// lie outside the picture, and of a closed skin those that face away, by the normals and the
+    /// strain of the nodes that carry them and by how much they were tilted against them at rest.
+    /// What is drawn looks the same. Translucent skins are drawn whole, and so is what is bound to
+    /// a node without a normal. It pays for large skins on coarser bodies; off to begin with.
+    pub fn set_culling(&mut self, on: bool) {
+        self.culling = on;
+        self.cull = None;
+    }
+
+    /// The triangles of [`Skin::rest`] that the last recording draws, without those culled. Waits
+    /// and reads back.
+    ///
+    /// # Errors
+    /// When the device refuses.
+    pub fn drawn(&self) -> Result<Vec<[u32; 3]>> {
+        match &self.cull {
+            Some(cull) => cull.listed(&self.gpu),
+            None => Ok(self.shown_triangles()),
+        }
+    }
+
+    pub(super) fn shown_triangles(&self) -> Vec<[u32; 3]> {
+        let triangles = self.vertices.triangles.iter().zip(&self.shown);
+        triangles.filter(|(_, s)| **s).map(|(t, _)| *t).collect()
+    }
+
+    /// Whether nothing behind its outer side can be seen.
+    fn is_closed(&self) -> bool {
+        let whole = self.corners as usize == 3 * self.vertices.triangles.len();
+        whole && self.report.open_edges == 0 && self.report.nonmanifold_edges == 0
+    }
+
+    /// Records the choice of what is drawn, if there is one.
+    pub(super) fn record_cull(
+        &mut self,
+        work: &mut Recorder,
+        view: View,
+        culls: bool,
+    ) -> Result<()> {
+        let cull = match (culls, self.cull.take()) {
+            (false, _) => return Ok(()),
+            (true, Some(cull)) => cull,
+            (true, None) => {
+                let shown = self.shown_triangles();
+                let (carrier, bound) = (&self.carrier, &self.bound);
+                Cull::new(&self.gpu, carrier, bound, &shown, &self.indices)?
+            }
+        };
+        cull.record(&self.gpu, work, view, self.is_closed());
+        self.cull = Some(cull);
+        Ok(())
     }
 }
 

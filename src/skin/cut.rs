@@ -1,9 +1,9 @@
 //! Skins that open where their body was cut.
 
 use super::binder::{Binder, Seat, Vertex};
-use super::binding::Mapping;
+use super::binding::{Mapping, records};
 use super::carrier::Carrier;
-use super::draw::{Skin, records};
+use super::draw::Skin;
 use crate::mesh::Blade;
 use crate::reference::skin::Bound;
 use crate::{Error, Result};

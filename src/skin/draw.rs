@@ -1,7 +1,7 @@
 //! Drawing a skin where its nodes are now.
 
 use super::binder::on_node;
-use super::binding::{BindingReport, Mapping, bind};
+use super::binding::{BindingReport, Mapping, bind, records};
 use super::carrier::Carrier;
 use super::cull::Cull;
 use super::cut::Key;
@@ -10,13 +10,13 @@ use super::report::SkinReport;
 use super::vertices::{Vertices, check};
 use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
-use crate::reference::skin::{Bound, Placed};
+use crate::reference::skin::Bound;
 use crate::render::{
     Camera, Image, LocalView, SurfaceTarget, Window, attachment, averaged, depth_target,
     draw_in_tiles,
 };
 use crate::{Error, Result};
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use std::collections::{HashMap, HashSet};
 
 mod gpu_data {
@@ -27,11 +27,6 @@ mod gpu_data {
             pub opacity: f32,
             pub relief: f32,
             pub _pad: [u32; 2],
-        }
-    }
-    crate::gpu_struct! {
-        pub(super) struct Place {
-            pub vertices: u32,
         }
     }
 }
@@ -66,7 +61,7 @@ pub struct Skin {
     no_depth: wgpu::TextureView,
     sampler: wgpu::Sampler,
     pub(super) draws: HashMap<Variant, Draw>,
-    culling: bool,
+    pub(super) culling: bool,
     /// Made for the present carrier and the triangles shown.
     pub(super) cull: Option<Cull>,
 }
@@ -93,8 +88,6 @@ const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 const SAMPLES: u32 = 2;
 /// The colour of a skin to which none was given.
 const FLESH: [f32; 3] = [0.85, 0.62, 0.53];
-/// Flag of a vertex, see `lib/skin.wgsl`.
-const INTERPOLATED: u32 = 1;
 /// Most prepared draws that are kept: their targets come and go.
 const KEPT_DRAWS: usize = 32;
 
@@ -288,39 +281,6 @@ impl Skin {
         Ok(())
     }
 
-    /// Whether triangles are left out, from now on, before their vertices are computed: those that
-    /// lie outside the picture, and of a closed skin those that face away, by the normals and the
-    /// strain of the nodes that carry them and by how much they were tilted against them at rest.
-    /// What is drawn looks the same. Translucent skins are drawn whole, and so is what is bound to
-    /// a node without a normal. It pays for large skins on coarser bodies; off to begin with.
-    pub fn set_culling(&mut self, on: bool) {
-        self.culling = on;
-        self.cull = None;
-    }
-
-    /// The triangles of [`Skin::rest`] that the last recording draws, without those culled. Waits
-    /// and reads back.
-    ///
-    /// # Errors
-    /// When the device refuses.
-    pub fn drawn(&self) -> Result<Vec<[u32; 3]>> {
-        match &self.cull {
-            Some(cull) => cull.listed(&self.gpu),
-            None => Ok(self.shown_triangles()),
-        }
-    }
-
-    fn shown_triangles(&self) -> Vec<[u32; 3]> {
-        let triangles = self.vertices.triangles.iter().zip(&self.shown);
-        triangles.filter(|(_, s)| **s).map(|(t, _)| *t).collect()
-    }
-
-    /// Whether nothing behind its outer side can be seen.
-    fn is_closed(&self) -> bool {
-        let whole = self.corners as usize == 3 * self.vertices.triangles.len();
-        whole && self.report.open_edges == 0 && self.report.nonmanifold_edges == 0
-    }
-
     /// Records the drawing of the skin at the positions of that moment. An opaque one replaces
     /// what lies behind it, and its depths can end the rays of a
     /// [`Raycaster`](crate::render::Raycaster) of the same frame; a translucent one is blended
@@ -401,22 +361,13 @@ impl Skin {
             let draw = self.draw(&variant, &params)?;
             self.draws.insert(variant.clone(), draw);
         }
+        let culls = self.culling && self.opacity >= 1.0 && how.behind.is_none();
+        self.record_cull(work, params.view, culls && self.corners > 0)?;
         let Some(draw) = self.draws.get(&variant) else {
             return Ok(());
         };
         draw.set_params(&self.gpu, &params);
-        let culls = self.culling && self.opacity >= 1.0 && how.behind.is_none();
-        let cull = match culls && self.corners > 0 {
-            true => {
-                let cull = match self.cull.take() {
-                    Some(cull) => cull,
-                    None => self.new_cull()?,
-                };
-                cull.record(&self.gpu, work, params.view, self.is_closed());
-                Some(&*self.cull.insert(cull))
-            }
-            false => None,
-        };
+        let cull = self.cull.as_ref();
         let colour_load = match target.background {
             Some(c) => {
                 let [r, g, b, a] = c.map(f64::from);
@@ -444,12 +395,6 @@ impl Skin {
             None => draw.record_indexed(&mut pass, &self.indices, self.corners),
         }
         Ok(())
-    }
-
-    fn new_cull(&self) -> Result<Cull> {
-        let shown = self.shown_triangles();
-        let (carrier, bound) = (&self.carrier, &self.bound);
-        Cull::new(&self.gpu, carrier, bound, &shown, &self.indices)
     }
 
     /// Which triangles of the surface are drawn.
@@ -480,78 +425,4 @@ impl Skin {
             .depth(DEPTH, wgpu::CompareFunction::Greater, !variant.blended)
             .prepare()
     }
-
-    /// Its drawn vertices where the nodes have carried them: positions in file units, normals and
-    /// tangents. Waits and reads back.
-    ///
-    /// # Errors
-    /// When the device refuses.
-    pub fn placed(&self) -> Result<Vec<Placed>> {
-        let texels: Vec<[f32; 4]> = self.gpu.read_array(&self.placed_array()?)?;
-        let vector = |t: [f32; 4]| Vec3::new(t[0], t[1], t[2]);
-        Ok(texels
-            .chunks_exact(3)
-            .map(|t| Placed {
-                position: self.carrier.frame.to_file(vector(t[0])),
-                normal: vector(t[1]).as_dvec3(),
-                tangent: vector(t[2]).as_dvec3(),
-            })
-            .collect())
-    }
-
-    /// The same on the GPU, in the local frame: three items a vertex.
-    pub(super) fn placed_array(&self) -> Result<Array> {
-        let count = self.bound.len() as u32;
-        let result = self
-            .gpu
-            .array("placed vertices", Texel::F32x4, 3 * count as usize)?;
-        let place = self
-            .gpu
-            .pass("skin/place")
-            .read(&self.carrier.positions)
-            .read(&self.carrier.normals)
-            .read(&self.records)
-            .write(&result)
-            .params(&gpu_data::Place { vertices: count })
-            .over(count)?;
-        let mut work = self.gpu.record();
-        self.carrier.record_normals(&mut work);
-        place.record(&mut work);
-        work.submit()?;
-        Ok(result)
-    }
-
-    /// The surface's vertices where the nodes have carried them, in file units and in the order of
-    /// its file; NaN for those that no triangle has. Waits and reads back.
-    ///
-    /// # Errors
-    /// As [`Skin::placed`].
-    pub fn vertices(&self) -> Result<Vec<DVec3>> {
-        let placed = self.placed()?;
-        let mut vertices = vec![DVec3::NAN; self.report.vertices];
-        for (placed, source) in placed.iter().zip(&self.vertices.sources) {
-            vertices[*source as usize] = placed.position;
-        }
-        Ok(vertices)
-    }
-}
-
-/// The texels of all vertices, four each.
-pub(super) fn records(bound: &[Bound], vertices: &Vertices) -> Vec<[u32; 4]> {
-    let all = bound.iter().zip(&vertices.handedness);
-    all.flat_map(|(b, handedness)| record(b, *handedness))
-        .collect()
-}
-
-/// The four texels of a vertex, see `lib/skin.wgsl`.
-fn record(bound: &Bound, handedness: f64) -> [[u32; 4]; 4] {
-    let bits = |v: DVec3, w: f64| v.extend(w).as_vec4().to_array().map(f32::to_bits);
-    let [a, b, c] = bound.nodes;
-    let flags = if bound.interpolated { INTERPOLATED } else { 0 };
-    [
-        [a, b, c, flags],
-        bits(bound.offset, bound.weights[1]),
-        bits(bound.normal, bound.weights[2]),
-        bits(bound.tangent, handedness),
-    ]
 }

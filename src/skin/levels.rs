@@ -1,8 +1,8 @@
 //! One skin on bodies of several resolutions, switched while running.
 
-use super::binding::{BindingReport, bind};
+use super::binding::{BindingReport, bind, records};
 use super::carrier::Carrier;
-use super::draw::{Skin, records};
+use super::draw::Skin;
 use crate::gpu::{Array, Texel};
 use crate::reference::skin::Bound;
 use crate::{Error, Result};

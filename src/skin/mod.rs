@@ -17,6 +17,7 @@ mod levels;
 mod look;
 mod map;
 mod pick;
+mod placed;
 mod report;
 mod vertices;
 

@@ -1,0 +1,71 @@
+//! A skin's vertices where its nodes have carried them.
+
+use super::draw::Skin;
+use crate::Result;
+use crate::gpu::{Array, Texel};
+use crate::reference::skin::Placed;
+use glam::{DVec3, Vec3};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Place {
+            pub vertices: u32,
+        }
+    }
+}
+
+impl Skin {
+    /// Its drawn vertices where the nodes have carried them: positions in file units, normals and
+    /// tangents. Waits and reads back.
+    ///
+    /// # Errors
+    /// When the device refuses.
+    pub fn placed(&self) -> Result<Vec<Placed>> {
+        let texels: Vec<[f32; 4]> = self.gpu.read_array(&self.placed_array()?)?;
+        let vector = |t: [f32; 4]| Vec3::new(t[0], t[1], t[2]);
+        Ok(texels
+            .chunks_exact(3)
+            .map(|t| Placed {
+                position: self.carrier.frame.to_file(vector(t[0])),
+                normal: vector(t[1]).as_dvec3(),
+                tangent: vector(t[2]).as_dvec3(),
+            })
+            .collect())
+    }
+
+    /// The same on the GPU, in the local frame: three items a vertex.
+    pub(super) fn placed_array(&self) -> Result<Array> {
+        let count = self.bound.len() as u32;
+        let result = self
+            .gpu
+            .array("placed vertices", Texel::F32x4, 3 * count as usize)?;
+        let place = self
+            .gpu
+            .pass("skin/place")
+            .read(&self.carrier.positions)
+            .read(&self.carrier.normals)
+            .read(&self.records)
+            .write(&result)
+            .params(&gpu_data::Place { vertices: count })
+            .over(count)?;
+        let mut work = self.gpu.record();
+        self.carrier.record_normals(&mut work);
+        place.record(&mut work);
+        work.submit()?;
+        Ok(result)
+    }
+
+    /// The surface's vertices where the nodes have carried them, in file units and in the order of
+    /// its file; NaN for those that no triangle has. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Skin::placed`].
+    pub fn vertices(&self) -> Result<Vec<DVec3>> {
+        let placed = self.placed()?;
+        let mut vertices = vec![DVec3::NAN; self.report.vertices];
+        for (placed, source) in placed.iter().zip(&self.vertices.sources) {
+            vertices[*source as usize] = placed.position;
+        }
+        Ok(vertices)
+    }
+}
