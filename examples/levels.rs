@@ -49,7 +49,7 @@ fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<(TetMesh, Body)> 
         ..Recipe::default()
     };
     let mesh = recipe.mesh(&|_, _| {})?.mesh;
-    let mut material = Material::young(4e3);
+    let mut material = Material::young(2e4);
     material.length_unit = 1e-3;
     let mut body = Body::new(gpu, &mesh, &material)?;
     let (low, high) = mesh.bounds();
