@@ -26,6 +26,10 @@ pub struct SceneFlags {
     /// What is behind the volume in a PNG: black, white or transparent [default: black]
     #[arg(long, help_heading = "Picture")]
     pub background: Option<String>,
+    /// Root mean square error the picture may have, in 1/255: the cheapest settings measured to
+    /// keep to it are taken [default: 0.5]
+    #[arg(long, value_name = "TOLERANCE", help_heading = "Picture")]
+    pub quality: Option<f64>,
     /// Most surface layers a ray may enter before that is an error
     #[arg(long, help_heading = "Picture")]
     pub layers: Option<u32>,
@@ -106,6 +110,7 @@ impl SceneFlags {
         over(given.mode, &mut scene.picture.mode);
         over(given.walk, &mut scene.picture.walk);
         over(given.background, &mut scene.picture.background);
+        over(given.quality, &mut scene.picture.quality);
         over(given.layers, &mut scene.picture.layers);
         over(given.bits, &mut scene.picture.bits);
         if given.fov.is_some() {

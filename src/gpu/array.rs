@@ -152,6 +152,7 @@ impl Gpu {
             })
         })?;
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        self.count_bytes(u64::from(ROW) * u64::from(rows) * u64::from(texel.bytes()));
         Ok(Array {
             texture,
             view,
@@ -342,6 +343,7 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] when it exceeds the device's limits or memory.
     pub fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
+        self.count_bytes(bytes.max(4).next_multiple_of(4));
         self.create(label, |device| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),

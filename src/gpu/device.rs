@@ -11,7 +11,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub const ADAPTER_VARIABLE: &str = "PALPATE_ADAPTER";
 
 /// Features used where the adapter has them; there is a path without each.
-const OPTIONAL_FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
+const OPTIONAL_FEATURES: wgpu::Features =
+    wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_FILTERABLE);
 
 /// A graphics device with what Palpate keeps beside it. Cloning shares the device.
 #[derive(Clone, Debug)]
@@ -27,6 +28,7 @@ struct Inner {
     pipelines: Pipelines,
     timer: Timer,
     readbacks: AtomicU64,
+    bytes_made: AtomicU64,
     /// The first thing that went wrong outside of any call; kept until the device goes.
     trouble: Arc<Mutex<Option<Trouble>>>,
 }
@@ -101,6 +103,7 @@ impl Gpu {
                 adapter,
                 pipelines: Pipelines::default(),
                 readbacks: AtomicU64::new(0),
+                bytes_made: AtomicU64::new(0),
                 trouble: Arc::default(),
             }),
         }
@@ -142,6 +145,12 @@ impl Gpu {
     /// How often anything was read back from this device so far.
     pub fn readbacks(&self) -> u64 {
         self.inner.readbacks.load(Ordering::Relaxed)
+    }
+
+    /// Bytes of all arrays and buffers made on this device so far, whether or not they are still
+    /// there.
+    pub fn bytes_made(&self) -> u64 {
+        self.inner.bytes_made.load(Ordering::Relaxed)
     }
 
     /// Waits until the device is idle.
@@ -200,6 +209,10 @@ impl Gpu {
 
     pub(super) fn timer(&self) -> &Timer {
         &self.inner.timer
+    }
+
+    pub(super) fn count_bytes(&self, bytes: u64) {
+        self.inner.bytes_made.fetch_add(bytes, Ordering::Relaxed);
     }
 
     pub(super) fn count_readback(&self) {

@@ -44,6 +44,39 @@ impl Image {
         &self.values[first..first + self.channels]
     }
 
+    /// The picture at `size` pixels, linear between the middles of its pixels.
+    pub fn enlarged(&self, size: [u32; 2]) -> Image {
+        if size == self.size {
+            return self.clone();
+        }
+        // The two pixels around a place along one side, and the share of the second.
+        let around = |i: u32, k: usize| {
+            let at = (f64::from(i) + 0.5) * f64::from(self.size[k]) / f64::from(size[k]) - 0.5;
+            let at = at.clamp(0.0, f64::from(self.size[k].max(1) - 1));
+            let next = (at as u32 + 1).min(self.size[k].max(1) - 1);
+            (at as u32, next, at.fract() as f32)
+        };
+        let mut values = Vec::with_capacity(size[0] as usize * size[1] as usize * self.channels);
+        for y in 0..size[1] {
+            let (y0, y1, v) = around(y, 1);
+            for x in 0..size[0] {
+                let (x0, x1, u) = around(x, 0);
+                let rows = [(y0, 1.0 - v), (y1, v)]
+                    .map(|(y, w)| (self.pixel(x0, y), self.pixel(x1, y), w));
+                values.extend((0..self.channels).map(|k| {
+                    rows.iter()
+                        .map(|(a, b, w)| w * (a[k] + u * (b[k] - a[k])))
+                        .sum::<f32>()
+                }));
+            }
+        }
+        Image {
+            size,
+            channels: self.channels,
+            values,
+        }
+    }
+
     /// Writes a PNG (8 bits, on black) or an EXR (float, premultiplied), by the extension.
     ///
     /// # Errors

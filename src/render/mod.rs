@@ -4,11 +4,13 @@
 
 mod camera;
 mod compare;
+mod flip;
 mod geometry;
 mod image;
 mod peel;
 mod pick;
 mod presets;
+mod quality;
 mod raycaster;
 mod surface;
 mod table;
@@ -23,7 +25,7 @@ pub use image::{Background, BitDepth, Image};
 pub use pick::Pick;
 pub use raycaster::{Mode, RaycastOptions, RaycastReport, Raycaster, Target, Walk};
 pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
-pub use table::TableForm;
+pub use table::{TableForm, TableTexel};
 pub use transfer::{ResolvedTransfer, TransferFunction};
 
 pub(crate) use peel::attachment;

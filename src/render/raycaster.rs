@@ -9,7 +9,7 @@
 use super::geometry::Geometry;
 use super::image::Image;
 use super::peel::{Peel, SUM, Walks, attachment};
-use super::table::{Table, TableForm, Wanted};
+use super::table::{TABLE_SIZES, Table, TableForm, TableTexel, Wanted};
 use super::tiles::{check_size, draw_in_tiles};
 use super::view::{LocalView, View, Window};
 use super::{Camera, ResolvedTransfer, TransferFunction};
@@ -65,26 +65,56 @@ impl From<Mode> for Gathered {
     }
 }
 
-/// Choices that a raycaster is made with.
+/// Choices that a raycaster is made with; see [`RaycastOptions::within`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaycastOptions {
     /// How rays walk.
     pub walk: Walk,
     /// How segments are looked up.
     pub table: TableForm,
+    /// What the table's values are held in.
+    pub texel: TableTexel,
+    /// Texels of the table along each scalar, and layers of a [`TableForm::Volume`]; chosen for
+    /// `accuracy` where nothing is said.
+    pub table_size: Option<u32>,
+    /// A ray of more than this opacity is not followed further; 1 follows each to its end.
+    pub opaque: f64,
     /// Most times a ray may enter the mesh (`--layers`).
     pub layers: u32,
     /// Error of a picture's values that the table's size is chosen for.
     pub accuracy: f64,
 }
 
-impl Default for RaycastOptions {
-    fn default() -> RaycastOptions {
-        RaycastOptions {
-            walk: Walk::default(),
-            table: TableForm::default(),
-            layers: 32,
-            accuracy: 0.25 / 255.0,
+impl RaycastOptions {
+    fn check(&self, gpu: &Gpu) -> Result<()> {
+        let wrong = |what: String| Err(Error::Input(what));
+        if !(1..=255).contains(&self.layers) {
+            return wrong(format!(
+                "{} layers: choose from 1 to 255 (--layers)",
+                self.layers
+            ));
+        }
+        if !(self.opaque > 0.0 && self.opaque <= 1.0) {
+            return wrong(format!(
+                "rays cannot end at an opacity of {}: choose above 0, and up to 1",
+                self.opaque
+            ));
+        }
+        if !(self.accuracy > 0.0 && self.accuracy.is_finite()) {
+            return wrong(format!(
+                "an accuracy of {} cannot be met: choose above 0, of a range from 0 to 1",
+                self.accuracy
+            ));
+        }
+        self.table.check()?;
+        self.texel.check(gpu)?;
+        match self.table_size {
+            Some(size) if !TABLE_SIZES.contains(&size) => wrong(format!(
+                "a table of {size} texels a side: choose from {} to {}",
+                TABLE_SIZES.start(),
+                TABLE_SIZES.end()
+            )),
+            _ => Ok(()),
         }
     }
 }
@@ -155,19 +185,14 @@ impl Raycaster {
     /// A raycaster for `geometry`.
     ///
     /// # Errors
-    /// As [`Raycaster::new`]; [`Error::Input`] for 0 or more than 255 layers.
+    /// As [`Raycaster::new`]; [`Error::Input`] for options out of their range.
     pub fn with_options(
         gpu: &Gpu,
         geometry: Geometry,
         transfer: &TransferFunction,
         options: RaycastOptions,
     ) -> Result<Raycaster> {
-        if !(1..=255).contains(&options.layers) {
-            return Err(Error::Input(format!(
-                "{} layers: choose from 1 to 255 (--layers)",
-                options.layers
-            )));
-        }
+        options.check(gpu)?;
         let table = make_table(gpu, &geometry, transfer, &options)?;
         let sampler = gpu.device().create_sampler(&wgpu::SamplerDescriptor {
             label: Some("table"),
@@ -225,6 +250,33 @@ impl Raycaster {
         if let Some(frame) = &mut self.frame {
             frame.walks.clear();
         }
+        Ok(())
+    }
+
+    /// How it draws.
+    pub fn options(&self) -> &RaycastOptions {
+        &self.options
+    }
+
+    /// Texels of the table along each scalar.
+    pub fn table_size(&self) -> u32 {
+        self.table.size
+    }
+
+    /// Layers of the table: its slices, or the depths of a [`TableForm::Volume`].
+    pub fn table_layers(&self) -> u32 {
+        self.table.layers
+    }
+
+    /// Draws with other options from now on.
+    ///
+    /// # Errors
+    /// As [`Raycaster::with_options`]; the old ones stay.
+    pub fn set_options(&mut self, options: RaycastOptions) -> Result<()> {
+        options.check(&self.gpu)?;
+        self.table = make_table(&self.gpu, &self.geometry, &self.transfer, &options)?;
+        self.options = options;
+        self.frame = None;
         Ok(())
     }
 
@@ -328,11 +380,12 @@ impl Raycaster {
             reach: self.table.reach,
             ..bytemuck::Zeroable::zeroed()
         };
-        let volume = self.options.table == TableForm::Volume;
         let pass = self
             .gpu
             .pass("render/look_up")
-            .constant("TABLE", f64::from(u8::from(volume)))
+            .constant("TABLE", self.options.table.code())
+            .constant("SAMPLES", self.options.table.samples())
+            .constant("OPAQUE", self.options.opaque)
             .read(&given)
             .read(&self.table.view)
             .read(&self.sampler)
@@ -507,7 +560,9 @@ impl Raycaster {
                 .read(&geometry.cells)
                 .constant("CELLS", flag(geometry.per_cell))
                 .constant("MODE", mode)
-                .constant("TABLE", flag(self.options.table == TableForm::Volume))
+                .constant("TABLE", self.options.table.code())
+                .constant("SAMPLES", self.options.table.samples())
+                .constant("OPAQUE", self.options.opaque)
                 .constant("BACKWARDS", flag(backwards))
                 .constant("OCCLUDED", flag(occluder.is_some()))
                 .read(starts)
@@ -556,6 +611,8 @@ fn make_table(
         gpu,
         &Wanted {
             form: options.table,
+            texel: options.texel,
+            size: options.table_size,
             transfer: &transfer.resolved(geometry.range, geometry.frame.scale),
             range: geometry.range,
             scale: geometry.frame.scale,

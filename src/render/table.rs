@@ -3,7 +3,8 @@
 //!
 //! The sliced form holds mean colour and mean extinction for depths in quarter octaves: opacity
 //! 1 − exp(−τ̄ d) is exact for any length, and only the order of colours inside a segment is left
-//! to the nearest slice. The volume is the paper's: colour and opacity, linear in depth.
+//! to the nearest slice. The volume is the paper's: colour and opacity, linear in depth. Without
+//! integration beforehand, a line of texels holds the transfer function itself.
 //! Depths are lengths times the largest extinction times log₂ e.
 
 use super::ResolvedTransfer;
@@ -47,6 +48,68 @@ pub enum TableForm {
     Sliced,
     /// The paper's three-dimensional table of colour and opacity.
     Volume,
+    /// Nothing is integrated beforehand: the transfer function at so many points of each segment,
+    /// evenly spread, 1 to 64.
+    Samples(u32),
+}
+
+impl TableForm {
+    /// Its number in `lib/segment.wgsl`.
+    pub(super) fn code(self) -> f64 {
+        match self {
+            TableForm::Sliced => 0.0,
+            TableForm::Volume => 1.0,
+            TableForm::Samples(_) => 2.0,
+        }
+    }
+
+    /// Points of a segment at which the transfer function is evaluated.
+    pub(super) fn samples(self) -> f64 {
+        match self {
+            TableForm::Samples(n) => f64::from(n),
+            _ => 1.0,
+        }
+    }
+
+    pub(super) fn check(self) -> Result<()> {
+        match self {
+            TableForm::Samples(n) if !(1..=64).contains(&n) => Err(Error::Input(format!(
+                "{n} samples a tet: choose from 1 to 64"
+            ))),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What a table's values are held in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum TableTexel {
+    /// Bytes, 256 levels from 0 to 1.
+    Byte,
+    /// Half floats: every device filters them.
+    #[default]
+    Half,
+    /// Floats, where the device filters them.
+    Single,
+}
+
+impl TableTexel {
+    fn format(self) -> wgpu::TextureFormat {
+        match self {
+            TableTexel::Byte => wgpu::TextureFormat::Rgba8Unorm,
+            TableTexel::Half => wgpu::TextureFormat::Rgba16Float,
+            TableTexel::Single => wgpu::TextureFormat::Rgba32Float,
+        }
+    }
+
+    pub(super) fn check(self, gpu: &Gpu) -> Result<()> {
+        if self == TableTexel::Single && !gpu.has(wgpu::Features::FLOAT32_FILTERABLE) {
+            return Err(Error::Input(
+                "this device does not filter 32-bit floats: use a table of half floats".into(),
+            ));
+        }
+        Ok(())
+    }
 }
 
 /// Slices an octave of depth, as log₂; `lib/segment.wgsl` has the same numbers.
@@ -59,6 +122,12 @@ const MOST_OCTAVES: u32 = 24;
 const LONGEST: f64 = 4.0;
 /// Sizes of the table along each scalar.
 const SIZES: [u32; 4] = [64, 128, 256, 512];
+/// Sizes that may be asked for.
+pub(super) const TABLE_SIZES: std::ops::RangeInclusive<u32> = 8..=512;
+/// Texels along the scalar where nothing is integrated beforehand.
+const SAMPLED_SIZE: u32 = 4096;
+/// WebGPU's limit on the layers of a texture.
+const MOST_LAYERS: u32 = 256;
 /// Layers of the volume, and the depth of the last at most: a layer a sixteenth, so that
 /// interpolation between them misses little.
 const VOLUME_LAYERS: u32 = 129;
@@ -82,8 +151,12 @@ pub(super) struct Table {
 
 /// What a table is made for.
 pub(super) struct Wanted<'a> {
-    /// Sliced or volume.
+    /// Sliced, volume or none.
     pub form: TableForm,
+    /// What its values are held in.
+    pub texel: TableTexel,
+    /// Texels along each scalar, if not chosen for `accuracy`.
+    pub size: Option<u32>,
     /// The transfer function, in file units.
     pub transfer: &'a ResolvedTransfer,
     /// The scalars it covers.
@@ -107,26 +180,34 @@ impl Table {
                 pieces.max_extinction, wanted.scale
             )));
         }
-        let size = pieces.table_size(opacity, wanted.accuracy);
+        let size = match (wanted.form, wanted.size) {
+            (TableForm::Samples(_), _) => SAMPLED_SIZE,
+            (_, Some(size)) => size,
+            (_, None) => pieces.table_size(opacity, wanted.accuracy),
+        };
         let (layers, reach) = match wanted.form {
             TableForm::Sliced => (slices(opacity * LONGEST), 1.0),
             TableForm::Volume => (
-                VOLUME_LAYERS,
+                wanted.size.map_or(VOLUME_LAYERS, |n| n.min(MOST_LAYERS)),
                 (opacity * wanted.longest).clamp(1e-6, VOLUME_REACH) as f32,
             ),
+            TableForm::Samples(_) => (1, 1.0),
+        };
+        let height = match wanted.form {
+            TableForm::Samples(_) => 1,
+            _ => size,
         };
         let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
             label: Some("pre-integrated table"),
             size: wgpu::Extent3d {
                 width: size,
-                height: size,
+                height,
                 depth_or_array_layers: layers,
             },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
-            // Half floats: every device filters them, and means need no more.
-            format: wgpu::TextureFormat::Rgba16Float,
+            format: wanted.texel.format(),
             usage: wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::STORAGE_BINDING
                 | wgpu::TextureUsages::COPY_SRC,
@@ -135,13 +216,23 @@ impl Table {
         let builder = Builder {
             gpu,
             size,
+            height,
+            texel: wanted.texel,
             texture: &texture,
-            limit: work_texture(gpu, size),
+            limit: work_texture(gpu, [size, height], WORK),
+            halves: work_texture(gpu, [size, height], TableTexel::Half.format()),
         };
-        let mut passes = vec![builder.limit_pass(&pieces.list)?];
+        let mut passes = Vec::new();
         match wanted.form {
-            TableForm::Sliced => builder.slices(layers, &mut passes)?,
-            TableForm::Volume => builder.volume(layers, reach, &mut passes)?,
+            TableForm::Sliced => {
+                passes.push(builder.limit_pass(&pieces.list)?);
+                builder.slices(layers, &mut passes)?;
+            }
+            TableForm::Volume => {
+                passes.push(builder.limit_pass(&pieces.list)?);
+                builder.volume(layers, reach, &mut passes)?;
+            }
+            TableForm::Samples(_) => builder.samples(&pieces.list, &mut passes)?,
         }
         let view = texture.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2Array),
@@ -186,18 +277,25 @@ fn slice_depth(k: u32) -> f64 {
     2f64.powi(FIRST_OCTAVE + (k / steps) as i32) * (1.0 + within)
 }
 
-fn work_texture(gpu: &Gpu, size: u32) -> wgpu::TextureView {
+/// What a table is made in.
+const WORK: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+
+fn work_texture(
+    gpu: &Gpu,
+    [width, height]: [u32; 2],
+    format: wgpu::TextureFormat,
+) -> wgpu::TextureView {
     let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
         label: Some("table work"),
         size: wgpu::Extent3d {
-            width: size,
-            height: size,
+            width,
+            height,
             depth_or_array_layers: 1,
         },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba32Float,
+        format,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
         view_formats: &[],
     });
@@ -207,13 +305,42 @@ fn work_texture(gpu: &Gpu, size: u32) -> wgpu::TextureView {
 struct Builder<'a> {
     gpu: &'a Gpu,
     size: u32,
+    height: u32,
+    texel: TableTexel,
     texture: &'a wgpu::Texture,
     limit: wgpu::TextureView,
+    /// What passes write in place of a layer that is not of half floats.
+    halves: wgpu::TextureView,
 }
 
 impl Builder<'_> {
     fn groups(&self) -> [u32; 3] {
-        [self.size.div_ceil(8), self.size.div_ceil(8), 1]
+        [self.size.div_ceil(8), self.height.div_ceil(8), 1]
+    }
+
+    fn work(&self) -> wgpu::TextureView {
+        work_texture(self.gpu, [self.size, self.height], WORK)
+    }
+
+    /// Where a pass writes layer `k`; see [`Builder::keep`].
+    fn written(&self, k: u32) -> wgpu::TextureView {
+        match self.texel {
+            TableTexel::Half => self.layer(k),
+            _ => self.halves.clone(),
+        }
+    }
+
+    /// Brings `whole` into layer `k` where the pass that made it could not.
+    fn keep(&self, whole: &wgpu::TextureView, k: u32, passes: &mut Vec<Pass>) -> Result<()> {
+        let shader = match self.texel {
+            TableTexel::Half => return Ok(()),
+            TableTexel::Byte => "render/table_bytes",
+            TableTexel::Single => "render/table_singles",
+        };
+        let layer = self.layer(k);
+        let pass = self.gpu.pass(shader).read(whole).write(&layer);
+        passes.push(pass.over_groups(self.groups())?);
+        Ok(())
     }
 
     fn layer(&self, k: u32) -> wgpu::TextureView {
@@ -241,37 +368,52 @@ impl Builder<'_> {
     /// Each slice from the one an octave before it.
     fn slices(&self, layers: u32, passes: &mut Vec<Pass>) -> Result<()> {
         let octave = 1 << OCTAVE_BITS;
-        let ring: Vec<_> = (0..2 * octave)
-            .map(|_| work_texture(self.gpu, self.size))
-            .collect();
+        let ring: Vec<_> = (0..2 * octave).map(|_| self.work()).collect();
         for k in 0..layers as usize {
             let halves = match k.checked_sub(octave) {
                 Some(before) => &ring[before % ring.len()],
                 None => &self.limit,
             };
+            let whole = &ring[k % ring.len()];
             passes.push(
                 self.gpu
                     .pass("render/table_slice")
                     .read(halves)
-                    .write(&ring[k % ring.len()])
-                    .write(&self.layer(k as u32))
+                    .write(whole)
+                    .write(&self.written(k as u32))
                     .params(&gpu_data::Slice {
                         size: self.size,
                         half_depth: (0.5 * slice_depth(k as u32)) as f32,
                     })
                     .over_groups(self.groups())?,
             );
+            self.keep(whole, k as u32, passes)?;
         }
         Ok(())
     }
 
+    /// Colour and extinction themselves, along one line.
+    fn samples(&self, pieces: &[gpu_data::Piece], passes: &mut Vec<Pass>) -> Result<()> {
+        let buffer = self.gpu.buffer_of("transfer pieces", pieces)?;
+        passes.push(
+            self.gpu
+                .pass("render/table_samples")
+                .read(&buffer)
+                .write(&self.limit)
+                .write(&self.written(0))
+                .params(&gpu_data::Limit {
+                    size: self.size,
+                    pieces: pieces.len() as u32,
+                })
+                .over_groups(self.groups())?,
+        );
+        self.keep(&self.limit, 0, passes)
+    }
+
     /// Each layer from a first slab and the layer before it.
     fn volume(&self, layers: u32, reach: f32, passes: &mut Vec<Pass>) -> Result<()> {
-        let slab = work_texture(self.gpu, self.size);
-        let others = [
-            work_texture(self.gpu, self.size),
-            work_texture(self.gpu, self.size),
-        ];
+        let slab = self.work();
+        let others = [self.work(), self.work()];
         for k in 0..layers {
             let [first, before, whole] = match k {
                 0 => [&self.limit, &self.limit, &others[0]],
@@ -290,7 +432,7 @@ impl Builder<'_> {
                     .read(first)
                     .read(before)
                     .write(whole)
-                    .write(&self.layer(k))
+                    .write(&self.written(k))
                     .params(&gpu_data::Slab {
                         size: self.size,
                         layer: k,
@@ -298,6 +440,7 @@ impl Builder<'_> {
                     })
                     .over_groups(self.groups())?,
             );
+            self.keep(whole, k, passes)?;
         }
         Ok(())
     }
@@ -362,23 +505,38 @@ impl Pieces {
     }
 
     /// Texels along each scalar for pictures within `accuracy`: linear interpolation misses a bend
-    /// by (change of slope) h²/8 and a jump by (jump) h/4, over about a mesh's extent of path.
+    /// by (change of slope) h²/8 and a jump by (jump) h/4, in extinction over about a mesh's
+    /// extent of path, in colour over weights that sum to 1.
     fn table_size(&self, opacity: f64, accuracy: f64) -> u32 {
         // Beyond a depth of some units a ray is opaque, and errors no longer add up.
         let depth = opacity.min(16.0);
-        let bends = self.list.windows(2).map(|pair| {
-            let (a, b) = (&pair[0], &pair[1]);
-            let slope =
-                |p: &gpu_data::Piece| f64::from((p.ends[3] - p.ends[1]) / (p.ends[2] - p.ends[0]));
-            let jump = f64::from((b.ends[1] - a.ends[3]).abs());
-            ((slope(b) - slope(a)).abs(), jump)
-        });
-        let (bend, jump) = bends.fold((0.0f64, 0.0f64), |x, y| (x.0.max(y.0), x.1.max(y.1)));
-        let error = |size: u32| {
-            let h = 1.0 / f64::from(size);
-            depth * (bend * h * h / 8.0 + jump * h / 4.0)
+        let error = |h: f64| {
+            let pairs = self.list.windows(2).map(|pair| {
+                let [a, b] = [&pair[0], &pair[1]];
+                // Value and slope on either side, of extinction and of each colour.
+                let ends = |p: &gpu_data::Piece, k: usize| match k {
+                    0 => [p.ends[1], p.ends[3]],
+                    _ => [p.first[k - 1], p.last[k - 1]],
+                };
+                let missed = |k: usize| {
+                    let (before, after) = (ends(a, k), ends(b, k));
+                    let slope = |p: &gpu_data::Piece, v: [f32; 2]| {
+                        f64::from((v[1] - v[0]) / (p.ends[2] - p.ends[0]))
+                    };
+                    let bend = (slope(b, after) - slope(a, before)).abs();
+                    let jump = f64::from((after[0] - before[1]).abs());
+                    bend * h * h / 8.0 + jump * h / 4.0
+                };
+                let colour = (1..4).map(missed).fold(0.0, f64::max);
+                [depth * missed(0), colour]
+            });
+            let most = pairs.fold([0.0f64; 2], |m, e| [m[0].max(e[0]), m[1].max(e[1])]);
+            most[0] + most[1]
         };
-        let enough = SIZES.into_iter().find(|size| error(*size) <= accuracy);
-        enough.unwrap_or(SIZES[SIZES.len() - 1])
+        let enough = |size: &u32| error(1.0 / f64::from(*size)) <= accuracy;
+        SIZES
+            .into_iter()
+            .find(enough)
+            .unwrap_or(SIZES[SIZES.len() - 1])
     }
 }

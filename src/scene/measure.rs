@@ -161,7 +161,7 @@ impl Stage {
 }
 
 /// Median time of `work` over `times` calls, after one to warm up; ms.
-fn median_ms(times: u32, mut work: impl FnMut() -> Result<()>) -> Result<f64> {
+pub(crate) fn median_ms(times: u32, mut work: impl FnMut() -> Result<()>) -> Result<f64> {
     work()?;
     let mut taken = Vec::new();
     for _ in 0..times {

@@ -42,6 +42,7 @@ mod tests;
 mod touch;
 
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
+pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};
 pub use motion::{Motion, Mover};
 pub use region::{Axis, LabelOrName, Region};
@@ -397,6 +398,9 @@ pub struct PictureEntry {
     pub layers: Option<u32>,
     /// Bits a channel of a PNG: 8 or 16.
     pub bits: Option<u32>,
+    /// The root mean square error that its values may have, in 1/255: the cheapest settings that
+    /// were measured to keep to it are taken. 0.5 where nothing is said.
+    pub quality: Option<f64>,
     /// With skins: the picture is drawn so many times larger each way, and averaged; 2 where
     /// nothing is said. A translucent skin over a volume is quicker with 1.
     pub samples: Option<u32>,

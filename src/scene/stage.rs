@@ -250,6 +250,11 @@ impl Stage {
         &self.mesh
     }
 
+    /// The scalar that is seen.
+    pub fn seen(&self) -> &Seen {
+        &self.seen
+    }
+
     /// The view.
     pub fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
@@ -510,7 +515,7 @@ impl Scene {
         Ok((raycaster, surface))
     }
 
-    fn transfer(&self) -> Result<TransferFunction> {
+    pub(crate) fn transfer(&self) -> Result<TransferFunction> {
         match self.picture.transfer.as_deref() {
             None => TransferFunction::preset("tissue"),
             Some(json) if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
@@ -520,7 +525,10 @@ impl Scene {
     }
 
     fn options(&self) -> Result<RaycastOptions> {
-        let mut options = RaycastOptions::default();
+        let mut options = match self.picture.quality {
+            Some(tolerance) => RaycastOptions::within(tolerance / 255.0)?,
+            None => RaycastOptions::default(),
+        };
         options.walk = match self.picture.walk.as_deref() {
             None => options.walk,
             Some("vertices") => Walk::Vertices,
