@@ -5,8 +5,10 @@
 
 mod chart;
 mod motion;
+mod pictures;
 mod run;
 mod scale;
+mod scaling;
 mod sheet;
 mod stability;
 mod state_map;
@@ -14,6 +16,7 @@ mod state_map;
 pub use chart::{Chart, Look, Series};
 pub use run::Run;
 pub use scale::Axis;
+pub use scaling::computed_bytes;
 pub use sheet::{Cell, Row};
 pub use state_map::StateMap;
 
@@ -35,4 +38,21 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "Which steps each solver holds at which stiffness, and where methods fail",
         stability::run,
     ),
+    (
+        "pictures",
+        "Error of pictures against time a frame: tables, samples, early stop, resolution",
+        pictures::run,
+    ),
+    (
+        "scaling",
+        "Time and memory against tets, pixels, layers and texels, by the GPU and its twin",
+        scaling::run,
+    ),
+    ("accuracy", "Both motion and pictures", accuracy),
 ];
+
+/// Error against cost: of motion, then of pictures.
+fn accuracy(run: &Run, scene: Option<&Path>) -> Result<()> {
+    motion::run(run, scene)?;
+    pictures::run(run, scene)
+}

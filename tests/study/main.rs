@@ -4,6 +4,8 @@
 
 mod frame;
 mod motion;
+mod pictures;
+mod scaling;
 mod stability;
 
 use palpate::gpu::Gpu;

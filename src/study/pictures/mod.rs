@@ -1,0 +1,316 @@
+//! The study of pictures: error against the exact ray integral, and time a frame, over the
+//! settings of the raycaster.
+
+mod findings;
+mod subject;
+
+use super::{Cell, Run};
+use crate::Result;
+use crate::gpu::Gpu;
+use crate::render::{
+    Camera, Difference, Image, Mode, RaycastOptions, Raycaster, TableForm, TableTexel, Target,
+};
+use crate::scene::median_ms;
+use findings::{chart, finding, overview};
+use std::path::Path;
+use subject::{Subject, TRANSFERS};
+
+/// One setting of the sweep.
+#[derive(Clone, Copy, Debug)]
+struct Setting {
+    /// What it varies: the series it is charted in.
+    family: &'static str,
+    options: RaycastOptions,
+    /// The picture is drawn so many times smaller each way, and enlarged.
+    shrink: f64,
+}
+
+/// The columns that say what was drawn, and how.
+const SETTINGS: [&str; 10] = [
+    "scene",
+    "transfer",
+    "pixels",
+    "family",
+    "table",
+    "table_size",
+    "texel",
+    "samples_a_tet",
+    "opaque",
+    "shrink",
+];
+/// The columns of what was found: differences in 1/255, FLIP from 0 to 1.
+const RESULTS: [&str; 6] = ["tets", "table_chosen", "rmse_255", "p999_255", "flip", "ms"];
+
+/// The settings of the sweep.
+fn settings(quick: bool) -> Vec<Setting> {
+    let plain = RaycastOptions::default();
+    let of = |family, options| Setting {
+        family,
+        options,
+        shrink: 1.0,
+    };
+    let mut all = vec![of("default", plain)];
+    let sizes: &[u32] = if quick {
+        &[32, 128]
+    } else {
+        &[32, 64, 128, 256]
+    };
+    let texels: &[TableTexel] = match quick {
+        true => &[TableTexel::Half],
+        false => &[TableTexel::Half, TableTexel::Byte, TableTexel::Single],
+    };
+    for size in sizes {
+        for texel in texels {
+            all.push(of(
+                "sliced table",
+                RaycastOptions {
+                    table_size: Some(*size),
+                    texel: *texel,
+                    ..plain
+                },
+            ));
+        }
+    }
+    for size in sizes {
+        all.push(of(
+            "volume table",
+            RaycastOptions {
+                table: TableForm::Volume,
+                table_size: Some(*size),
+                ..plain
+            },
+        ));
+    }
+    let samples: &[u32] = if quick {
+        &[1, 8]
+    } else {
+        &[1, 2, 4, 8, 16, 32, 64]
+    };
+    for samples in samples {
+        all.push(of(
+            "samples a tet",
+            RaycastOptions {
+                table: TableForm::Samples(*samples),
+                ..plain
+            },
+        ));
+    }
+    let stops: &[f64] = match quick {
+        true => &[0.95, 1.0],
+        false => &[0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.999, 1.0],
+    };
+    for opaque in stops {
+        all.push(of(
+            "early stop",
+            RaycastOptions {
+                opaque: *opaque,
+                ..plain
+            },
+        ));
+    }
+    let shrinks: &[f64] = if quick {
+        &[2.0]
+    } else {
+        &[1.25, 1.5, 2.0, 4.0]
+    };
+    for shrink in shrinks {
+        all.push(Setting {
+            family: "resolution",
+            options: plain,
+            shrink: *shrink,
+        });
+    }
+    all
+}
+
+fn table_name(table: TableForm) -> &'static str {
+    match table {
+        TableForm::Sliced => "sliced",
+        TableForm::Volume => "volume",
+        TableForm::Samples(_) => "none",
+    }
+}
+
+impl Setting {
+    /// Its cells, behind those of what is drawn.
+    fn cells(&self) -> Vec<Cell> {
+        let options = &self.options;
+        let size = options
+            .table_size
+            .map_or("chosen".into(), |n| Cell::from(n as usize));
+        let texel = match options.texel {
+            TableTexel::Byte => "byte",
+            TableTexel::Half => "half",
+            TableTexel::Single => "single",
+        };
+        let samples = match options.table {
+            TableForm::Samples(n) => n as usize,
+            _ => 0,
+        };
+        vec![
+            self.family.into(),
+            table_name(options.table).into(),
+            size,
+            texel.into(),
+            samples.into(),
+            options.opaque.into(),
+            self.shrink.into(),
+        ]
+    }
+}
+
+/// A subject with its raycaster and the exact picture, kept while its points are measured.
+struct Prepared {
+    name: String,
+    through: String,
+    subject: Subject,
+    caster: Raycaster,
+    truth: Image,
+}
+
+/// Measures error and time of pictures over the raycaster's settings; of the study's five bodies,
+/// or of one scene.
+///
+/// # Errors
+/// A file that cannot be read or written, or what the device refuses.
+pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
+    let side = if run.quick { 64 } else { 256 };
+    let pictures = subjects(run, scene);
+    let settings = settings(run.quick);
+    let points: Vec<Vec<Cell>> = pictures
+        .iter()
+        .flat_map(|(name, through)| {
+            settings.iter().map(move |setting| {
+                let mut cells = vec![
+                    Cell::from(name.as_str()),
+                    Cell::from(*through),
+                    Cell::from(side as usize),
+                ];
+                cells.extend(setting.cells());
+                cells
+            })
+        })
+        .collect();
+    let mut prepared: Option<Prepared> = None;
+    let rows = run.measure("pictures", &SETTINGS, &RESULTS, &points, |point| {
+        let (name, through) = (point[0].text(), point[1].text());
+        let at = points.iter().position(|p| p == point).unwrap_or(0);
+        let setting = &settings[at % settings.len()];
+        if !prepared
+            .as_ref()
+            .is_some_and(|p| p.name == name && p.through == through)
+        {
+            prepared = Some(prepare(run.gpu, name, through, scene, side)?);
+        }
+        match &mut prepared {
+            Some(prepared) => measure(run, prepared, setting),
+            None => Ok(Vec::new()),
+        }
+    })?;
+    let mut charts = vec![overview(run, &rows, &pictures)?];
+    for (name, through) in &pictures {
+        charts.push(chart(run, &rows, name, through)?);
+    }
+    let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
+    run.tell(
+        "pictures",
+        "Pictures: error against time",
+        &finding(&rows, &pictures),
+        &charts,
+    )
+}
+
+/// What is drawn: names and transfer functions.
+fn subjects(run: &Run, scene: Option<&Path>) -> Vec<(String, &'static str)> {
+    if let Some(path) = scene {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        return vec![(name.into_owned(), "its own")];
+    }
+    let names = subject::names(|text| run.note(text), run.quick);
+    let pairs = names
+        .iter()
+        .flat_map(|name| TRANSFERS.map(|t| ((*name).to_owned(), t)));
+    pairs.collect()
+}
+
+fn prepare(
+    gpu: &Gpu,
+    name: &str,
+    through: &str,
+    scene: Option<&Path>,
+    side: u32,
+) -> Result<Prepared> {
+    let subject = match scene {
+        Some(path) => Subject::of_scene(gpu, path)?,
+        None => Subject::new(name, through)?,
+    };
+    let caster = subject.raycaster(gpu)?;
+    let truth = subject.truth(&caster, [side, side]);
+    Ok(Prepared {
+        name: name.to_owned(),
+        through: through.to_owned(),
+        subject,
+        caster,
+        truth,
+    })
+}
+
+/// Draws with one setting, and holds the picture against the truth.
+fn measure(run: &Run, prepared: &mut Prepared, setting: &Setting) -> Result<Vec<Cell>> {
+    let size = prepared.truth.size;
+    let drawn = size.map(|n| (f64::from(n) / setting.shrink).round() as u32);
+    let caster = &mut prepared.caster;
+    caster.set_options(setting.options)?;
+    let camera = *prepared.subject.camera();
+    let picture = caster
+        .image(&camera, drawn, Mode::Composite)?
+        .enlarged(size);
+    let apart = Difference::between(&prepared.truth, &picture)?;
+    let frames = if run.quick { 1 } else { 5 };
+    let ms = frame_ms(run.gpu, caster, &camera, drawn, frames)?;
+    Ok(vec![
+        prepared.subject.tets().into(),
+        (caster.table_size() as usize).into(),
+        (255.0 * apart.rmse).into(),
+        (255.0 * apart.percentile_999).into(),
+        apart.flip.unwrap_or(f64::NAN).into(),
+        ms.into(),
+    ])
+}
+
+/// Median time of a frame in which everything is drawn anew, ms.
+pub(super) fn frame_ms(
+    gpu: &Gpu,
+    caster: &mut Raycaster,
+    camera: &Camera,
+    [width, height]: [u32; 2],
+    frames: u32,
+) -> Result<f64> {
+    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
+        label: Some("measured picture"),
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+    let target = Target {
+        colour: &view,
+        occluder: None,
+        background: Some([0.0, 0.0, 0.0, 1.0]),
+    };
+    median_ms(frames, || {
+        let mut work = gpu.record();
+        caster.geometry_mut().moved();
+        caster.record(&mut work, camera, Mode::Composite, &target)?;
+        work.submit()?;
+        gpu.wait()
+    })
+}

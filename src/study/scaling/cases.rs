@@ -1,0 +1,304 @@
+//! What is timed: on the GPU as the library does it, and by its float64 twin on the CPU.
+
+use super::{GPU, Point};
+use crate::gpu::Gpu;
+use crate::mesh::{Blade, Location, TetMesh, Topology, generate};
+use crate::physics::{Body, Material, SolverKind, largest_stable_step};
+use crate::reference::springs::Particles;
+use crate::reference::{RayReference, segment_integral, steppers, tet_gradient, tet_planes};
+use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
+use crate::scene::median_ms;
+use crate::study::Cell;
+use crate::study::pictures::frame_ms;
+use crate::{Error, Result};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::hint::black_box;
+use std::time::Instant;
+
+/// The implicit step of the study, s.
+const IMPLICIT_STEP: f64 = 0.01;
+/// Where its conjugate gradients stop, which is where the solver's own do.
+const TOLERANCE: f64 = 1e-4;
+
+/// Times points, keeping the mesh of the last.
+pub(super) struct Cases<'a> {
+    gpu: &'a Gpu,
+    repeats: u32,
+    cube: Option<Cube>,
+}
+
+/// A cube of about so many tets.
+struct Cube {
+    asked: usize,
+    mesh: TetMesh,
+    topology: Topology,
+    scalars: Vec<f64>,
+}
+
+impl<'a> Cases<'a> {
+    pub fn new(gpu: &'a Gpu, quick: bool) -> Cases<'a> {
+        Cases {
+            gpu,
+            repeats: if quick { 3 } else { 5 },
+            cube: None,
+        }
+    }
+
+    /// Nodes, iterations and milliseconds of `point`.
+    pub fn measure(&mut self, point: &Point) -> Result<Vec<Cell>> {
+        if self.cube.as_ref().is_none_or(|c| c.asked != point.tets) {
+            // The old one goes first.
+            self.cube = None;
+        }
+        let repeats = self.repeats;
+        let gpu = self.gpu;
+        let cube = match self.cube.take() {
+            Some(cube) => cube,
+            None => Cube::new(point.tets)?,
+        };
+        let mut iterations = 0;
+        let ms = match (point.what, point.on) {
+            ("symplectic step", GPU) => cube.step(gpu, SolverKind::Symplectic, repeats)?.0,
+            ("implicit step", GPU) => {
+                let (ms, most) = cube.step(gpu, SolverKind::Implicit, repeats)?;
+                iterations = most;
+                ms
+            }
+            ("symplectic step", _) => cube.twin_step(gpu, false, repeats)?.0,
+            ("implicit step", _) => {
+                let (ms, most) = cube.twin_step(gpu, true, 1)?;
+                iterations = most;
+                ms
+            }
+            ("refresh", GPU) => cube.refresh(gpu, repeats)?,
+            ("refresh", _) => cube.twin_refresh(repeats)?,
+            ("raycast", GPU) if point.layers > 0 => layers(gpu, point, repeats)?,
+            ("raycast", GPU) => {
+                let mut caster = cube.raycaster(gpu, RaycastOptions::default())?;
+                frame_ms(gpu, &mut caster, &camera(), size(point), repeats)?
+            }
+            ("raycast", _) => cube.twin_raycast(gpu, size(point))?,
+            ("cut", _) => cube.cut(gpu)?,
+            ("table", GPU) => cube.table(gpu, point.texels, repeats)?,
+            _ => cube.twin_table(gpu, point.texels)?,
+        };
+        let nodes = cube.mesh.nodes.len();
+        self.cube = Some(cube);
+        Ok(vec![nodes.into(), (iterations as usize).into(), ms.into()])
+    }
+}
+
+fn size(point: &Point) -> [u32; 2] {
+    let side = (point.pixels as f64).sqrt().round() as u32;
+    [side, side]
+}
+
+/// The camera of the rendering benchmark.
+fn camera() -> Camera {
+    let middle = DVec3::splat(0.5);
+    Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
+}
+
+fn transfer() -> Result<TransferFunction> {
+    TransferFunction::preset("viridis")
+}
+
+impl Cube {
+    fn new(tets: usize) -> Result<Cube> {
+        let cells = ((tets as f64 / 6.0).cbrt().round() as usize).max(1);
+        let mesh = generate::benchmark_cube(cells, false)?;
+        let field = mesh.field("scalar", Location::Node);
+        let scalars = field.map(|f| f.values.clone()).unwrap_or_default();
+        Ok(Cube {
+            asked: tets,
+            topology: Topology::new(&mesh),
+            scalars,
+            mesh,
+        })
+    }
+
+    fn body(&self, gpu: &Gpu) -> Result<Body> {
+        let mut body = Body::new(gpu, &self.mesh, &Material::soft_tissue())?;
+        body.pin_lowest_end(9.81);
+        Ok(body)
+    }
+
+    /// Milliseconds of a step, and the iterations of the last.
+    fn step(&self, gpu: &Gpu, kind: SolverKind, repeats: u32) -> Result<(f64, u32)> {
+        let mut body = self.body(gpu)?;
+        let limit = largest_stable_step(body.network(), body.pinned(), kind);
+        let dt = limit.map_or(IMPLICIT_STEP, |limit| 0.5 * limit);
+        let mut solver = kind.solver(gpu, &body)?;
+        let ms = median_ms(repeats, || {
+            solver.step(&mut body, dt)?;
+            gpu.wait()
+        })?;
+        Ok((ms, solver.poll(&body)?.last.iterations))
+    }
+
+    fn twin_step(&self, gpu: &Gpu, implicit: bool, repeats: u32) -> Result<(f64, u32)> {
+        let body = self.body(gpu)?;
+        let kind = SolverKind::Symplectic;
+        let dt = largest_stable_step(body.network(), body.pinned(), kind);
+        let dt = 0.5 * dt.unwrap_or(IMPLICIT_STEP);
+        let mut particles = Particles::new(body.network().clone());
+        particles.pinned = body.pinned().to_vec();
+        particles.gravity = body.gravity();
+        let mut iterations = Some(0);
+        let ms = median_ms(repeats, || {
+            if implicit {
+                iterations = steppers::implicit_euler(&mut particles, IMPLICIT_STEP, TOLERANCE);
+            } else {
+                steppers::symplectic_euler(&mut particles, dt);
+            }
+            Ok(())
+        })?;
+        let iterations = iterations.ok_or_else(|| {
+            Error::Input("the conjugate gradients of the twin did not converge".into())
+        })?;
+        Ok((ms, iterations))
+    }
+
+    fn refresh(&self, gpu: &Gpu, repeats: u32) -> Result<f64> {
+        let mut geometry = Geometry::at_rest(gpu, &self.mesh, &self.scalars)?;
+        median_ms(repeats, || {
+            geometry.moved();
+            let mut work = gpu.record();
+            geometry.record_refresh(&mut work);
+            work.submit()?;
+            gpu.wait()
+        })
+    }
+
+    fn twin_refresh(&self, repeats: u32) -> Result<f64> {
+        median_ms(repeats, || {
+            let made: Vec<_> = self
+                .mesh
+                .tets
+                .par_iter()
+                .enumerate()
+                .map(|(t, nodes)| {
+                    let corners = self.mesh.tet_nodes(t);
+                    let scalars = nodes.map(|v| self.scalars[v as usize]);
+                    (tet_planes(corners), tet_gradient(corners, scalars))
+                })
+                .collect();
+            black_box(made);
+            Ok(())
+        })
+    }
+
+    fn raycaster(&self, gpu: &Gpu, options: RaycastOptions) -> Result<Raycaster> {
+        let geometry = Geometry::at_rest(gpu, &self.mesh, &self.scalars)?;
+        Raycaster::with_options(gpu, geometry, &transfer()?, options)
+    }
+
+    /// One picture; its box hierarchy, which moves with the nodes, is part of it.
+    fn twin_raycast(&self, gpu: &Gpu, size: [u32; 2]) -> Result<f64> {
+        let transfer = self.raycaster(gpu, RaycastOptions::default())?.transfer();
+        let start = Instant::now();
+        let rays = RayReference::new(&self.mesh, &self.mesh.nodes, &self.scalars);
+        let picture = rays.picture(&camera(), size, |rays, ray| rays.composite(ray, &transfer));
+        black_box(picture);
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// A cut through the whole cube, and what draws it following: the median of three.
+    fn cut(&self, gpu: &Gpu) -> Result<f64> {
+        let (mut mesh, mut topology) = (self.mesh.clone(), self.topology.clone());
+        let mut scalars = self.scalars.clone();
+        let mut body = self.body(gpu)?;
+        let nodes = body.nodes();
+        let frame = nodes.frame();
+        let mut geometry = Geometry::new(gpu, &mesh, &topology, frame, nodes.array(), &scalars)?;
+        let mut times = Vec::new();
+        for height in [0.31, 0.52, 0.73] {
+            let edge = |x: f64| {
+                [
+                    DVec3::new(x, height, -0.5),
+                    DVec3::new(x, height + 0.01, 1.5),
+                ]
+            };
+            let blade = Blade::swept(&[edge(-0.5), edge(1.5)])?;
+            let start = Instant::now();
+            let cut = body.cut(&mut mesh, &mut topology, &blade)?;
+            scalars.extend(
+                cut.doubled
+                    .iter()
+                    .map(|[_, from]| self.scalars.get(*from as usize).copied().unwrap_or(0.0)),
+            );
+            geometry.follow(&mesh, &topology, &cut, body.nodes().array(), &scalars)?;
+            gpu.wait()?;
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+        times.sort_by(f64::total_cmp);
+        Ok(times[1])
+    }
+
+    /// A new transfer function: its table is made and used once.
+    fn table(&self, gpu: &Gpu, texels: usize, repeats: u32) -> Result<f64> {
+        let options = RaycastOptions {
+            table_size: Some((texels as f64).sqrt().round() as u32),
+            ..Default::default()
+        };
+        let mut caster = self.raycaster(gpu, options)?;
+        let transfer = transfer()?;
+        median_ms(repeats, || {
+            caster.set_transfer(&transfer)?;
+            caster.look_up(&[[0.2, 0.7, 0.1]]).map(|found| {
+                black_box(found);
+            })
+        })
+    }
+
+    /// The exact integral for every texel of as many slices.
+    fn twin_table(&self, gpu: &Gpu, texels: usize) -> Result<f64> {
+        let caster = self.raycaster(gpu, RaycastOptions::default())?;
+        let (transfer, slices) = (caster.transfer(), caster.table_layers());
+        let side = (texels as f64).sqrt().round() as usize;
+        median_ms(1, || {
+            let made: Vec<[f64; 4]> = (0..slices as usize * texels)
+                .into_par_iter()
+                .map(|i| {
+                    let [x, y] = [i % side, i / side % side].map(|k| k as f64 / side as f64);
+                    let depth = f64::from(2.0f32).powi((i / texels / 4) as i32 - 5);
+                    segment_integral(&transfer, x, y, depth / transfer.max_extinction())
+                })
+                .collect();
+            black_box(made);
+            Ok(())
+        })
+    }
+}
+
+/// A picture of as many plates behind each other as a ray is to enter, of as many tets together.
+fn layers(gpu: &Gpu, point: &Point, repeats: u32) -> Result<f64> {
+    let deep = 32;
+    let across = ((point.tets as f64 / (6.0 * deep as f64)).sqrt().round() as usize).max(1);
+    let plates = point.layers;
+    let thickness = 1.0 / (2 * plates) as f64;
+    let plate = generate::box_mesh(
+        [across, across, deep / plates],
+        DVec3::new(1.0, 1.0, thickness),
+        generate::Split::Six,
+    )?;
+    let (mut nodes, mut tets) = (Vec::new(), Vec::new());
+    let (low, _) = plate.bounds();
+    for k in 0..plates {
+        let first = nodes.len() as u32;
+        let shift = DVec3::new(0.0, 0.0, 2.0 * thickness * k as f64) - low;
+        nodes.extend(plate.nodes.iter().map(|p| *p + shift));
+        tets.extend(plate.tets.iter().map(|t| t.map(|v| v + first)));
+    }
+    let mesh = TetMesh::new(nodes, tets, Vec::new(), Vec::new())?;
+    let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
+    let geometry = Geometry::at_rest(gpu, &mesh, &scalars)?;
+    // Thin enough that rays come out behind.
+    let transfer = TransferFunction::relative(vec![[0.0, 0.9, 0.6, 0.3]], vec![[0.0, 1.0]])?;
+    let mut caster = Raycaster::new(gpu, geometry, &transfer)?;
+    let middle = DVec3::new(0.5, 0.5, 0.5);
+    let eye = middle + DVec3::new(0.07, 0.05, 3.0);
+    let camera = Camera::perspective(eye, middle, DVec3::Y, 24.0);
+    frame_ms(gpu, &mut caster, &camera, size(point), repeats)
+}

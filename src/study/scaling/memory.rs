@@ -1,0 +1,227 @@
+//! Memory of a body, its solver and its picture: computed from what the arrays hold, counted as
+//! they are made, and what the driver gave for them.
+
+use super::{Axis, Cell, Chart, Look, Run, Series};
+use crate::Result;
+use crate::gpu::{Gpu, ROW};
+use crate::mesh::{Location, TetMesh, Topology, generate};
+use crate::physics::{Body, Material, SolverKind};
+use crate::render::Geometry;
+
+/// What an array has an item of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Each {
+    Node,
+    Tet,
+    Face,
+    /// A place in the rows of springs, where each stands twice; these are filled up to fours.
+    Spring,
+}
+
+/// Arrays of a part of the whole: bytes of an item, whether there is room for cuts, how many.
+struct Arrays {
+    part: &'static str,
+    each: Each,
+    item: u64,
+    roomy: bool,
+    arrays: u64,
+}
+
+const fn arrays(part: &'static str, each: Each, item: u64, roomy: bool, arrays: u64) -> Arrays {
+    Arrays {
+        part,
+        each,
+        item,
+        roomy,
+        arrays,
+    }
+}
+
+const PARTS: [&str; 4] = ["body", "symplectic", "implicit", "geometry"];
+
+const ARRAYS: [Arrays; 14] = [
+    // Positions, velocities, external forces, rows; masses.
+    arrays("body", Each::Node, 16, true, 4),
+    arrays("body", Each::Node, 8, true, 1),
+    // Columns, of four neighbours a texel; stiffness and rest length.
+    arrays("body", Each::Spring, 4, true, 1),
+    arrays("body", Each::Spring, 8, true, 1),
+    // Next positions, next velocities, forces.
+    arrays("symplectic", Each::Node, 16, true, 3),
+    arrays("implicit", Each::Node, 16, true, 3),
+    // Two texels of preconditioner; product; and pairs of four vectors.
+    arrays("implicit", Each::Node, 32, true, 1),
+    arrays("implicit", Each::Node, 16, true, 9),
+    arrays("implicit", Each::Spring, 16, true, 1),
+    // Scalars, projections; vertices, record; links; faces.
+    arrays("geometry", Each::Node, 4, true, 1),
+    arrays("geometry", Each::Node, 16, true, 1),
+    arrays("geometry", Each::Tet, 16, false, 1),
+    arrays("geometry", Each::Tet, 128 + 32, false, 1),
+    arrays("geometry", Each::Face, 16, true, 1),
+];
+
+impl Arrays {
+    /// Bytes for `count` items, in whole rows of texels.
+    fn bytes(&self, count: usize) -> u64 {
+        let count = count as u64;
+        let items = if self.roomy {
+            count + count / 8 + 1024
+        } else {
+            count
+        };
+        // Texels are 16 bytes at most: an item of more is several of them.
+        let texels = items * self.item.div_ceil(16);
+        self.arrays * texels.div_ceil(u64::from(ROW)).max(1) * u64::from(ROW) * self.item.min(16)
+    }
+
+    /// Bytes that one more item takes of a large mesh.
+    fn slope(&self) -> f64 {
+        (self.arrays * self.item) as f64 * if self.roomy { 1.125 } else { 1.0 }
+    }
+}
+
+/// Bytes on the GPU that `part` of what makes and draws `mesh` is computed to take: `body`,
+/// `symplectic`, `implicit` (solvers) or `geometry`. Rows of springs are taken as filled, so that
+/// the body and the implicit solver take some per cent more.
+pub fn computed_bytes(part: &str, mesh: &TetMesh, topology: &Topology) -> f64 {
+    let of = |a: &Arrays| {
+        a.bytes(match a.each {
+            Each::Node => mesh.nodes.len(),
+            Each::Tet => mesh.tets.len(),
+            Each::Face => topology.boundary.len(),
+            Each::Spring => 2 * topology.edges.len(),
+        })
+    };
+    let bytes: u64 = ARRAYS.iter().filter(|a| a.part == part).map(of).sum();
+    bytes as f64
+}
+
+/// Bytes that arrays took while `make` ran, and that the driver gave.
+fn taken<T>(gpu: &Gpu, make: impl FnOnce() -> Result<T>) -> Result<(T, f64, f64)> {
+    let given = || {
+        let report = gpu.device().generate_allocator_report();
+        report.map_or(f64::NAN, |r| r.total_allocated_bytes as f64)
+    };
+    let settle = || {
+        // Uploads wait for a submit, and hold memory until they are done.
+        gpu.record().submit()?;
+        gpu.wait()
+    };
+    settle()?;
+    let (made_before, given_before) = (gpu.bytes_made(), given());
+    let made = make()?;
+    settle()?;
+    let bytes = (gpu.bytes_made() - made_before) as f64;
+    Ok((made, bytes, given() - given_before))
+}
+
+const SETTINGS: [&str; 2] = ["part", "tets"];
+const RESULTS: [&str; 6] = [
+    "nodes",
+    "springs",
+    "faces",
+    "computed_bytes",
+    "made_bytes",
+    "driver_bytes",
+];
+
+/// Measures memory against tets; returns the finding and the chart's name.
+pub(super) fn measure(run: &Run) -> Result<(String, String)> {
+    let tets: &[usize] = match run.quick {
+        true => &[3_000, 10_000],
+        false => &[10_000, 30_000, 100_000, 300_000],
+    };
+    let points: Vec<Vec<Cell>> = tets
+        .iter()
+        .flat_map(|n| PARTS.map(|part| vec![Cell::from(part), Cell::from(*n)]))
+        .collect();
+    let rows = run.measure("scaling-memory", &SETTINGS, &RESULTS, &points, |point| {
+        let cells = (point[1].number() / 6.0).cbrt().round() as usize;
+        let mesh = generate::benchmark_cube(cells, false)?;
+        let topology = Topology::new(&mesh);
+        let (made, given) = part_bytes(run.gpu, point[0].text(), &mesh)?;
+        Ok(vec![
+            mesh.nodes.len().into(),
+            topology.edges.len().into(),
+            topology.boundary.len().into(),
+            computed_bytes(point[0].text(), &mesh, &topology).into(),
+            made.into(),
+            given.into(),
+        ])
+    })?;
+    let series = PARTS.iter().flat_map(|part| {
+        let of = |column: &str| {
+            let own = rows.iter().filter(|r| r.text("part") == *part);
+            own.map(|r| [r.number("tets"), r.number(column) / r.number("tets")])
+                .collect()
+        };
+        [
+            Series::new(
+                format!("{part}, measured"),
+                Look::LineMarks,
+                of("made_bytes"),
+            ),
+            Series::new(
+                format!("{part}, computed"),
+                Look::Dashed,
+                of("computed_bytes"),
+            ),
+        ]
+    });
+    let chart = Chart {
+        title: "Memory on the GPU".into(),
+        x: Axis::log("tets"),
+        y: Axis::log("memory a tet (bytes)"),
+        series: series.collect(),
+    };
+    chart.save(run.dir, "scaling-memory")?;
+    let mut text = String::from(
+        "| part | bytes a node | a tet | a boundary face | a spring | of the largest mesh, bytes a tet: computed | measured | of the driver |\n|---|---|---|---|---|---|---|---|",
+    );
+    for part in PARTS {
+        let last = rows.iter().rev().find(|r| r.text("part") == part);
+        let Some(last) = last else { continue };
+        let a_tet = |column: &str| last.number(column) / last.number("tets");
+        let own = |each| {
+            let own = ARRAYS.iter().filter(|a| a.part == part && a.each == each);
+            own.map(Arrays::slope).sum::<f64>()
+        };
+        text += &format!(
+            "\n| {part} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} |",
+            own(Each::Node),
+            own(Each::Tet),
+            own(Each::Face),
+            2.0 * own(Each::Spring),
+            a_tet("computed_bytes"),
+            a_tet("made_bytes"),
+            a_tet("driver_bytes")
+        );
+    }
+    text += "\n\nMemory is linear in nodes, tets and springs; of small meshes, whole rows of 4,096 texels and the room for cuts are most of it.";
+    Ok((text, "scaling-memory".into()))
+}
+
+/// Bytes that arrays and the driver give for one part.
+pub(super) fn part_bytes(gpu: &Gpu, part: &str, mesh: &TetMesh) -> Result<(f64, f64)> {
+    let body = || Body::new(gpu, mesh, &Material::soft_tissue());
+    match part {
+        "body" => taken(gpu, body).map(|(_, made, given)| (made, given)),
+        "geometry" => {
+            let scalars = mesh
+                .field("scalar", Location::Node)
+                .map(|f| f.values.clone());
+            let body = body()?;
+            let topology = Topology::new(mesh);
+            let (frame, array) = (body.nodes().frame(), body.nodes().array());
+            let scalars = scalars.unwrap_or_default();
+            let make = || Geometry::new(gpu, mesh, &topology, frame, array, &scalars);
+            taken(gpu, make).map(|(_, made, given)| (made, given))
+        }
+        name => {
+            let kind: SolverKind = name.parse()?;
+            let body = body()?;
+            taken(gpu, || kind.solver(gpu, &body)).map(|(_, made, given)| (made, given))
+        }
+    }
+}
