@@ -40,7 +40,7 @@ const RESULTS: [&str; 11] = [
 ];
 
 /// The most steps of one motion.
-const MOST_STEPS: u32 = 40_000;
+const MOST_STEPS: u32 = 20_000;
 
 /// Conjugate gradients to their end, to the default, and short of it.
 const SOLVES: [(f64, u32); 5] = [
