@@ -205,7 +205,7 @@ fn measure(bulk_over_young: f64) -> Result<Vec<Cell>> {
 pub fn run(run: &Run) -> Result<()> {
     let strengths: &[f64] = match run.quick {
         true => &[0.0, 10.0],
-        false => &[0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0],
+        false => &[0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0],
     };
     let points: Vec<Vec<Cell>> = strengths.iter().map(|s| vec![(*s).into()]).collect();
     let rows = run.measure("stability_volume", &SETTINGS, &RESULTS, &points, |point| {
@@ -233,9 +233,6 @@ pub fn run(run: &Run) -> Result<()> {
             series("pull at 10 % stretch", &|r| {
                 100.0 * r.number("pull_n") / without.number("pull_n")
             }),
-            series("tets left inside out", &|r| {
-                100.0 * r.number("inverted_left") / without.number("inverted_left").max(1.0)
-            }),
         ],
     }
     .save(run.dir, "stability-volume")?;
@@ -253,9 +250,15 @@ pub fn run(run: &Run) -> Result<()> {
             )
         })
         .collect();
+    let strongest = rows.last().unwrap_or(without);
+    let over = |name: &str| strongest.number(name) / without.number(name);
     let text = format!(
-        "The paper tried a force that keeps the volume of each tet and dropped it. On the paper's bar of {:.0} kPa, in float64, with the energy ½ k V₀ (V/V₀ − 1)² a tet: drawn out by 10 %, and scrambled by up to 20 mm a node and left to settle.\n\n| k over Young's modulus | change of volume (%) | pull (N) | largest step (s) | tets left inside out |\n| --- | --- | --- | --- | --- |\n{lines}",
-        YOUNG / 1e3
+        "The paper tried a force that keeps the volume of each tet and dropped it. On the paper's bar of {:.0} kPa, in float64, with the energy ½ k V₀ (V/V₀ − 1)² a tet: drawn out by 10 %, and scrambled by up to 20 mm a node and left to settle.\n\n| k over Young's modulus | change of volume (%) | pull (N) | largest step (s) | tets left inside out |\n| --- | --- | --- | --- | --- |\n{lines}\nIt keeps volume: at {} times Young's modulus {:.0} % of the change is left. But the largest step of an explicit scheme falls to {:.0} %, and the bar pulls {:.1} times as hard as the modulus asked for. It is left out.",
+        YOUNG / 1e3,
+        strongest.number(SETTINGS[0]),
+        100.0 * over("volume_change_percent"),
+        100.0 * over("largest_step_s"),
+        over("pull_n"),
     );
     run.tell(
         "stability_volume",
