@@ -7,6 +7,7 @@
 //! Data flows one way: file → [`mesh::TetMesh`] → body (textures on the GPU) → solver step →
 //! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` is the map.
 
+pub mod cage;
 pub mod error;
 pub mod gpu;
 pub mod io;

@@ -65,6 +65,33 @@ impl Transfer {
         })
     }
 
+    /// Of each point: the four nodes that its value is made of, and their weights, of sum 1.
+    pub fn shares(&self) -> &[([u32; 4], [f64; 4])] {
+        &self.shares
+    }
+
+    /// The transpose of [`Transfer::apply`]: what acts at the points, `forces`, as it acts at the
+    /// nodes, with the same sum and the same work.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of forces.
+    pub fn gather(&self, forces: &[DVec3]) -> Result<Vec<DVec3>> {
+        if forces.len() != self.shares.len() {
+            return Err(Error::Input(format!(
+                "{} forces given for the {} points that they act at",
+                forces.len(),
+                self.shares.len()
+            )));
+        }
+        let mut gathered = vec![DVec3::ZERO; self.nodes];
+        for ((nodes, weights), force) in self.shares.iter().zip(forces) {
+            for (v, w) in nodes.iter().zip(weights) {
+                gathered[*v as usize] += *w * *force;
+            }
+        }
+        Ok(gathered)
+    }
+
     /// The value at each point, of `values` at the nodes.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use super::grab::{GrabId, Grabs, Grip};
 use super::material::Material;
-use super::network::SpringNetwork;
+use super::network::{Spring, SpringNetwork};
 use super::nodes::Nodes;
 use super::rows::Rows;
 use super::units::Units;
@@ -67,6 +67,29 @@ impl Body {
     /// fit the device.
     pub fn new(gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<Body> {
         let network = SpringNetwork::new(mesh, material)?;
+        Body::of_network(gpu, mesh, network, material)
+    }
+
+    /// As [`Body::new`], with masses and springs of one's own: those of a cage, for example. A cut
+    /// takes the springs along it from `material` again.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`Body::new`].
+    pub fn of_network(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        network: SpringNetwork,
+        material: &Material,
+    ) -> Result<Body> {
+        let count = mesh.nodes.len();
+        let strange = |s: &Spring| s.nodes.iter().any(|v| *v as usize >= count);
+        let fits = network.rest.len() == count && network.masses.len() == count;
+        if !fits || network.springs.iter().any(strange) {
+            return Err(Error::Input(format!(
+                "masses of {} nodes and their springs are given for a mesh of {count}",
+                network.masses.len()
+            )));
+        }
         let units = Units::of(&network);
         let nodes = Nodes::new(gpu, mesh)?;
         let frame = nodes.frame();

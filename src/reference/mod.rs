@@ -1,5 +1,6 @@
 //! What the GPU is held against: the same quantities in float64 on the CPU.
 
+pub mod cage;
 pub mod culling;
 pub mod elements;
 mod first_hit;

@@ -46,13 +46,13 @@ pub fn box_mesh(cells: [usize; 3], size: DVec3, split: Split) -> Result<TetMesh>
 }
 
 /// The lattice points that serve as nodes, and the tets between them.
-pub(super) struct Grid {
+pub(crate) struct Grid {
     pub nodes: Vec<[usize; 3]>,
     pub tets: Vec<[u32; 4]>,
 }
 
 /// The nodes and tets of those cells of a grid that `keep` wants, x running fastest.
-pub(super) fn grid(
+pub(crate) fn grid(
     cells: [usize; 3],
     split: Split,
     keep: impl Fn([usize; 3]) -> bool,

@@ -16,6 +16,7 @@ pub use ball::ball;
 pub use bar::{PAPER_BAR_CELLS, PAPER_BAR_SIZE, bar, bar_of_about, paper_bar};
 pub use benchmark::benchmark_cube;
 pub use duct::{Bore, duct};
+pub(crate) use grid::{Grid, grid};
 pub use grid::{Split, box_mesh};
 pub use limb::{TISSUES, Tissue, limb};
 pub use named::{GENERATORS, by_name};

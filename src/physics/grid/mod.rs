@@ -14,4 +14,5 @@ mod verlet;
 pub use body::GridBody;
 pub use cut::GridCut;
 pub use model::GridModel;
+pub(crate) use model::isotropic;
 pub use shape::{GridShape, SPRING_KINDS, STEPS};

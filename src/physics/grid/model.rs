@@ -158,7 +158,7 @@ impl GridModel {
 
 /// κ of every kind for Young's modulus `young` at a spacing in metres: the springs' stiffness
 /// tensor is then λ = μ = young / 2.5 in all directions.
-fn isotropic(spacing: DVec3, young: f64) -> Result<[f64; SPRING_KINDS]> {
+pub(crate) fn isotropic(spacing: DVec3, young: f64) -> Result<[f64; SPRING_KINDS]> {
     let mu = young / 2.5;
     let s = spacing.to_array();
     let mut stiffness = [0.0; SPRING_KINDS];

@@ -1,0 +1,33 @@
+// Nodes of a fine mesh where the tets of a cage have carried them. The twin of `reference::cage`.
+
+#import lib/array
+
+struct Carry {
+    // From the cage's frame to the fine mesh's: shift, and scale in w.
+    to_fine: vec4<f32>,
+    nodes: u32,
+}
+
+@group(0) @binding(0) var cage: texture_2d<f32>;
+// The corners of the tet that carries a node, and their weights.
+@group(0) @binding(1) var corners: texture_2d<u32>;
+@group(0) @binding(2) var weights: texture_2d<f32>;
+@group(0) @binding(3) var positions: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(4) var<uniform> params: Carry;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.nodes {
+        return;
+    }
+    let v = textureLoad(corners, at(i), 0);
+    let w = textureLoad(weights, at(i), 0);
+    // By differences, so that rounded weights leave a translation alone.
+    let a = textureLoad(cage, at(v.x), 0).xyz;
+    let b = textureLoad(cage, at(v.y), 0).xyz - a;
+    let c = textureLoad(cage, at(v.z), 0).xyz - a;
+    let d = textureLoad(cage, at(v.w), 0).xyz - a;
+    let p = a + (w.y * b + w.z * c + w.w * d);
+    textureStore(positions, at(i), vec4(params.to_fine.w * p + params.to_fine.xyz, 1.0));
+}

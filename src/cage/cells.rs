@@ -1,0 +1,280 @@
+//! The cells around a fine body, and what of it each holds.
+
+use crate::mesh::{TET_EDGES, TetMesh};
+use crate::physics::SpringNetwork;
+use crate::{Error, Result};
+use glam::{DVec3, UVec3};
+
+/// Samples for each cell's volume of the fine body.
+const SAMPLES_A_CELL: f64 = 64.0;
+/// Samples of one tet, at least and at most.
+const SAMPLES: [f64; 2] = [4.0, 4096.0];
+/// A cell that the body only touches is filled to this share.
+const LEAST_FILL: f64 = 0.01;
+/// Cells whose sides differ by more than this have springs that cannot be as stiff all around.
+const MOST_STRETCH: f64 = 1.15;
+/// Most cells along an axis, and in all.
+const MOST_ALONG: f64 = 1024.0;
+const MOST: f64 = 1e8;
+
+/// A point of the fine body that stands for a part of it.
+struct Sample {
+    place: DVec3,
+    /// Young's modulus times volume, Pa m³.
+    stiffness: f64,
+    /// kg.
+    mass: f64,
+}
+
+/// What of the fine body a cell holds.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Content {
+    /// Whether anything of the body is in the cell.
+    pub held: bool,
+    /// Young's modulus times the share of the cell that is filled, Pa.
+    pub young: f64,
+    /// kg.
+    pub mass: f64,
+}
+
+/// Cells of a regular grid that cover a fine body.
+#[derive(Clone, Debug)]
+pub(super) struct Cells {
+    /// The lowest corner, in file units.
+    pub low: DVec3,
+    /// The sides of a cell, in file units.
+    pub spacing: DVec3,
+    pub count: [usize; 3],
+    /// Of each cell, x running fastest.
+    pub contents: Vec<Content>,
+}
+
+impl Cells {
+    /// Cells with about `wanted` corners around `mesh`, whose masses and springs are `network`.
+    pub fn about(mesh: &TetMesh, network: &SpringNetwork, wanted: usize) -> Result<Cells> {
+        let volume = mesh.volume().abs();
+        let first = (volume / wanted as f64).cbrt();
+        let samples = samples(mesh, network, first.powi(3))?;
+        let mut best: Option<(f64, Cells)> = None;
+        let mut side = first;
+        for _ in 0..12 {
+            let cells = Cells::new(mesh, &samples, side, network.length_unit)?;
+            let ratio = cells.corners() as f64 / wanted as f64;
+            let off = ratio.ln().abs();
+            if best.as_ref().is_none_or(|b| off < b.0) {
+                best = Some((off, cells));
+            }
+            if off < 0.02 {
+                break;
+            }
+            side *= ratio.cbrt();
+        }
+        best.map(|b| b.1)
+            .ok_or_else(|| Error::Mesh("the mesh has no inside that a cage could carry".into()))
+    }
+
+    fn new(mesh: &TetMesh, samples: &[Sample], side: f64, unit: f64) -> Result<Cells> {
+        let (low, high) = mesh.bounds();
+        let extent = high - low;
+        let whole = (extent / side).round().max(DVec3::ONE);
+        let fitted = extent / whole;
+        let stretch = fitted.max_element() / fitted.min_element();
+        let (low, spacing, whole) = match stretch <= MOST_STRETCH {
+            true => (low, fitted, whole),
+            false => {
+                let whole = (extent / side).ceil().max(DVec3::ONE);
+                let centre = 0.5 * (low + high);
+                (centre - 0.5 * side * whole, DVec3::splat(side), whole)
+            }
+        };
+        let total = whole.to_array().iter().product::<f64>();
+        if !(whole.max_element() <= MOST_ALONG && total <= MOST) {
+            return Err(Error::Input(format!(
+                "a cage with cells of {side} would have more than {MOST_ALONG} of them along an axis, or {MOST:e} in all; ask for fewer nodes"
+            )));
+        }
+        let count = whole.to_array().map(|n| n as usize);
+        let mut cells = Cells {
+            low,
+            spacing,
+            count,
+            contents: vec![Content::default(); count.iter().product()],
+        };
+        cells.fill(mesh, samples, unit);
+        Ok(cells)
+    }
+
+    fn fill(&mut self, mesh: &TetMesh, samples: &[Sample], unit: f64) {
+        let volume = (self.spacing * unit).to_array().iter().product::<f64>();
+        let (mut stiffness, mut mass) = (0.0, 0.0);
+        for sample in samples {
+            let cell = self.at(sample.place);
+            let content = &mut self.contents[cell];
+            content.held = true;
+            content.young += sample.stiffness / volume;
+            content.mass += sample.mass;
+            stiffness += sample.stiffness;
+            mass += sample.mass;
+        }
+        let body = mesh.volume().abs() * unit.powi(3);
+        // Every node is inside, or at least on the side of a cell.
+        let nudge = 1e-6 * self.spacing;
+        let sides = (0..8u32).map(|k| {
+            let way = |bit: u32| if k >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            nudge * DVec3::new(way(0), way(1), way(2))
+        });
+        let sides: Vec<DVec3> = sides.collect();
+        for p in &mesh.nodes {
+            if !sides.iter().any(|d| self.contents[self.at(*p + *d)].held) {
+                let cell = self.at(*p);
+                self.contents[cell].held = true;
+            }
+        }
+        let mut total = 0.0;
+        for content in self.contents.iter_mut().filter(|c| c.held) {
+            content.young = content.young.max(LEAST_FILL * stiffness / body);
+            content.mass = content.mass.max(LEAST_FILL * mass / body * volume);
+            total += content.mass;
+        }
+        // What the least fill added is taken off everywhere.
+        for content in self.contents.iter_mut().filter(|c| c.held) {
+            content.mass *= mass / total;
+        }
+    }
+
+    /// The cell at `p`, or the nearest one.
+    fn at(&self, p: DVec3) -> usize {
+        let cell = ((p - self.low) / self.spacing).floor().max(DVec3::ZERO);
+        let [nx, ny, nz] = self.count.map(|n| n as u32);
+        let cell = cell.as_uvec3().min(UVec3::new(nx, ny, nz) - 1);
+        cell.x as usize + self.count[0] * (cell.y as usize + self.count[1] * cell.z as usize)
+    }
+
+    /// What the cell at these coordinates holds; nothing where there is no such cell.
+    pub fn content(&self, cell: [i64; 3]) -> Content {
+        let inside = (0..3).all(|a| (0..self.count[a] as i64).contains(&cell[a]));
+        match inside {
+            false => Content::default(),
+            true => {
+                let [x, y, z] = cell.map(|n| n as usize);
+                self.contents[x + self.count[0] * (y + self.count[1] * z)]
+            }
+        }
+    }
+
+    /// Corners of the cells that hold anything.
+    fn corners(&self) -> usize {
+        let [nx, ny, nz] = self.count.map(|n| n as i64);
+        let around = |x, y, z| {
+            (0..8).any(|k: i64| {
+                let cell = [x - (k & 1), y - (k >> 1 & 1), z - (k >> 2)];
+                self.content(cell).held
+            })
+        };
+        let rows = (0..=nz).flat_map(|z| (0..=ny).map(move |y| (y, z)));
+        rows.map(|(y, z)| (0..=nx).filter(|x| around(*x, y, z)).count())
+            .sum()
+    }
+}
+
+/// Points all over the body, which share the mass and the stiffness of their tets.
+fn samples(mesh: &TetMesh, network: &SpringNetwork, cell: f64) -> Result<Vec<Sample>> {
+    let unit = network.length_unit;
+    let volume = |t: usize| mesh.tet_volume(t).abs() * unit.powi(3);
+    let springs = &network.springs;
+    let spring_of = |a: u32, b: u32| {
+        let nodes = [a.min(b), a.max(b)];
+        springs.binary_search_by_key(&nodes, |s| s.nodes).ok()
+    };
+    // A spring has κ = E ΣV / L² of the tets around it, and gives each its share of κ L²; so do
+    // nodes with their mass.
+    let mut around_spring = vec![0.0; springs.len()];
+    let mut around_node = vec![0.0; mesh.nodes.len()];
+    let edges = |t: usize| {
+        let tet = mesh.tets[t];
+        TET_EDGES.map(|[a, b]| spring_of(tet[a], tet[b]))
+    };
+    for t in 0..mesh.tets.len() {
+        for s in edges(t).into_iter().flatten() {
+            around_spring[s] += volume(t);
+        }
+        for v in mesh.tets[t] {
+            around_node[v as usize] += volume(t);
+        }
+    }
+    let mut samples = Vec::new();
+    for t in 0..mesh.tets.len() {
+        let own = volume(t);
+        if own <= 0.0 {
+            continue;
+        }
+        let stiffness: f64 = edges(t)
+            .into_iter()
+            .flatten()
+            .map(|s| {
+                let spring = &springs[s];
+                spring.stiffness * spring.length.powi(2) * own / around_spring[s] / 6.0
+            })
+            .sum();
+        let mass: f64 = mesh.tets[t]
+            .iter()
+            .map(|v| network.masses[*v as usize] * own / around_node[*v as usize])
+            .sum();
+        let wanted = SAMPLES_A_CELL * mesh.tet_volume(t).abs() / cell;
+        let count = wanted.ceil().clamp(SAMPLES[0], SAMPLES[1]) as usize;
+        let corners = mesh.tet_nodes(t);
+        samples.extend((0..count).map(|n| Sample {
+            place: place_in(corners, n),
+            stiffness: stiffness / count as f64,
+            mass: mass / count as f64,
+        }));
+    }
+    match samples.is_empty() {
+        true => Err(Error::Mesh(
+            "no tet of the mesh has a volume, so no cage can carry it".into(),
+        )),
+        false => Ok(samples),
+    }
+}
+
+/// The `n`th of points that fill a tet evenly: a Weyl sequence in the cube, folded into the tet
+/// (Rocchini & Cignoni, *Generating random points in a tetrahedron*, 2001).
+fn place_in(corners: [DVec3; 4], n: usize) -> DVec3 {
+    let step = DVec3::new(
+        0.819_172_513_396_164_4,
+        0.671_043_606_703_789_2,
+        0.549_700_477_901_970_3,
+    );
+    let [mut s, mut t, mut u] = (0.5 + step * (n + 1) as f64).fract().to_array();
+    if s + t > 1.0 {
+        (s, t) = (1.0 - s, 1.0 - t);
+    }
+    if t + u > 1.0 {
+        (t, u) = (1.0 - u, 1.0 - s - t);
+    } else if s + t + u > 1.0 {
+        (s, u) = (1.0 - t - u, s + t + u - 1.0);
+    }
+    let [a, b, c, d] = corners;
+    a + s * (b - a) + t * (c - a) + u * (d - a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::bounds;
+
+    #[test]
+    fn samples_fill_a_tet_evenly() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+        let count = 4000;
+        let points: Vec<DVec3> = (0..count).map(|n| place_in(corners, n)).collect();
+        let (low, high) = bounds(&points);
+        assert!(low.min_element() >= 0.0 && high.element_sum() < 3.0);
+        assert!(points.iter().all(|p| p.element_sum() <= 1.0 + 1e-12));
+        // Moments of a tet: means of 1/4, and of 1/10 for squares.
+        let mean = points.iter().sum::<DVec3>() / count as f64;
+        let square = points.iter().map(|p| *p * *p).sum::<DVec3>() / count as f64;
+        assert!((mean - 0.25).abs().max_element() < 2e-3, "{mean}");
+        assert!((square - 0.1).abs().max_element() < 2e-3, "{square}");
+    }
+}

@@ -1,0 +1,191 @@
+//! How far a body gives under its own weight, in float64 and for small displacements.
+
+use crate::physics::SpringNetwork;
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+/// Most iterations of conjugate gradients.
+const ITERATIONS: usize = 3000;
+/// Relative residual at which they stop.
+const TOLERANCE: f64 = 1e-4;
+
+/// Displacements under an acceleration of 1 m/s² along each axis, one load case after the other.
+pub(super) type Sag = [Vec<DVec3>; 3];
+
+/// A network held at some nodes, linear in its displacements.
+pub(super) struct Held<'a> {
+    network: &'a SpringNetwork,
+    /// Of each node: what it is tied to, and the root of κ times the direction there.
+    rows: Vec<Vec<(u32, DVec3)>>,
+    free: Vec<bool>,
+    /// The inverse diagonal blocks of the stiffness.
+    inverse: Vec<DMat3>,
+}
+
+impl<'a> Held<'a> {
+    /// The network held where `pinned` says. Parts that no pin holds stay as they are.
+    pub fn new(network: &'a SpringNetwork, pinned: &[bool]) -> Held<'a> {
+        let count = network.rest.len();
+        let mut rows = vec![Vec::new(); count];
+        let mut blocks = vec![DMat3::ZERO; count];
+        for s in network.springs.iter().filter(|s| s.stiffness > 0.0) {
+            let [i, j] = s.nodes.map(|v| v as usize);
+            let along = (network.rest[j] - network.rest[i]).normalize_or_zero();
+            let b = s.stiffness.sqrt() * along;
+            rows[i].push((j as u32, b));
+            rows[j].push((i as u32, b));
+            for v in [i, j] {
+                blocks[v] += DMat3::from_cols(b * b.x, b * b.y, b * b.z);
+            }
+        }
+        let free = reached(&rows, pinned);
+        let inverse = blocks
+            .iter()
+            .zip(&free)
+            .map(|(block, free)| {
+                // A node on one line of springs is held weakly across it, not at all if alone.
+                let trace = block.x_axis.x + block.y_axis.y + block.z_axis.z;
+                let block = *block + DMat3::IDENTITY * (1e-9 * trace);
+                match *free && trace > 0.0 {
+                    true => block.inverse(),
+                    false => DMat3::ZERO,
+                }
+            })
+            .collect();
+        Held {
+            network,
+            rows,
+            free,
+            inverse,
+        }
+    }
+
+    /// Whether anything can move.
+    pub fn moves(&self) -> bool {
+        self.free.contains(&true)
+    }
+
+    fn product(&self, p: &[DVec3]) -> Vec<DVec3> {
+        let row = |i: usize| {
+            if !self.free[i] {
+                return DVec3::ZERO;
+            }
+            let own = p[i];
+            let parts = self.rows[i].iter();
+            parts
+                .map(|(j, b)| *b * b.dot(own - p[*j as usize]))
+                .sum::<DVec3>()
+        };
+        (0..p.len()).into_par_iter().map(row).collect()
+    }
+
+    /// Where the body sags to under its own weight, from the guess `start` on.
+    pub fn sag(&self, start: Option<&Sag>) -> Sag {
+        [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
+            let load: Vec<DVec3> = self.network.masses.iter().map(|m| *m * axis).collect();
+            let guess = start.map(|s| s[axis.max_position()].as_slice());
+            self.solve(&load, guess)
+        })
+    }
+
+    fn solve(&self, load: &[DVec3], guess: Option<&[DVec3]>) -> Vec<DVec3> {
+        let masked = |v: &[DVec3]| -> Vec<DVec3> {
+            let kept = v.iter().zip(&self.free);
+            kept.map(|(v, free)| if *free { *v } else { DVec3::ZERO })
+                .collect()
+        };
+        let precondition = |r: &[DVec3]| -> Vec<DVec3> {
+            let parts = r.par_iter().zip(&self.inverse);
+            parts.map(|(r, m)| *m * *r).collect()
+        };
+        let load = masked(load);
+        let scale = dot(&load, &precondition(&load));
+        let mut x = guess.map_or_else(|| vec![DVec3::ZERO; load.len()], masked);
+        let mut r = load;
+        if guess.is_some() {
+            let kx = self.product(&x);
+            r.iter_mut().zip(&kx).for_each(|(r, k)| *r -= *k);
+        }
+        let mut z = precondition(&r);
+        let mut direction = z.clone();
+        let mut rz = dot(&r, &z);
+        for _ in 0..ITERATIONS {
+            if rz <= TOLERANCE * TOLERANCE * scale {
+                break;
+            }
+            let q = self.product(&direction);
+            let curvature = dot(&direction, &q);
+            if !(curvature > 0.0 && curvature.is_finite()) {
+                break;
+            }
+            let alpha = rz / curvature;
+            for i in 0..x.len() {
+                x[i] += alpha * direction[i];
+                r[i] -= alpha * q[i];
+            }
+            z = precondition(&r);
+            let next = dot(&r, &z);
+            let beta = next / rz;
+            rz = next;
+            for i in 0..x.len() {
+                direction[i] = z[i] + beta * direction[i];
+            }
+        }
+        x
+    }
+
+    /// The work that its weight along the three axes does, (m/s²)² taken off: how far it gives.
+    pub fn compliance(&self, sag: &Sag) -> f64 {
+        (0..3).map(|axis| self.work(sag, axis)).sum()
+    }
+
+    fn work(&self, sag: &Sag, axis: usize) -> f64 {
+        let masses = self.network.masses.iter();
+        masses.zip(&sag[axis]).map(|(m, u)| m * u[axis]).sum()
+    }
+
+    /// ω² of the slowest swing, by Rayleigh's quotient of the axis along which it gives most.
+    pub fn slowest(&self, sag: &Sag) -> f64 {
+        let axis = (0..3).max_by(|a, b| self.work(sag, *a).total_cmp(&self.work(sag, *b)));
+        let axis = axis.unwrap_or(0);
+        let moving = self.network.masses.iter().zip(&sag[axis]);
+        let inertia: f64 = moving.map(|(m, u)| m * u.length_squared()).sum();
+        match inertia > 0.0 {
+            true => self.work(sag, axis) / inertia,
+            false => 0.0,
+        }
+    }
+}
+
+fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()
+}
+
+/// The nodes that can move, of parts that are pinned at three nodes or more.
+fn reached(rows: &[Vec<(u32, DVec3)>], pinned: &[bool]) -> Vec<bool> {
+    let mut free = vec![false; rows.len()];
+    let mut seen = vec![false; rows.len()];
+    for first in 0..rows.len() {
+        if seen[first] {
+            continue;
+        }
+        seen[first] = true;
+        let mut part = vec![first];
+        let mut next = 0;
+        while next < part.len() {
+            for (j, _) in &rows[part[next]] {
+                let j = *j as usize;
+                if !seen[j] {
+                    seen[j] = true;
+                    part.push(j);
+                }
+            }
+            next += 1;
+        }
+        let pins = part.iter().filter(|i| pinned[**i]).count();
+        if pins >= 3 {
+            part.iter().for_each(|i| free[*i] = !pinned[*i]);
+        }
+    }
+    free
+}

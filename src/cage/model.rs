@@ -1,0 +1,458 @@
+//! A cage: a coarse body made from a fine one.
+
+use super::cells::Cells;
+use super::fit::{Held, Sag};
+use crate::mesh::generate::{Grid, Split, grid};
+use crate::mesh::{LocalFrame, TET_EDGES, TetMesh, Transfer};
+use crate::physics::grid::{GridModel, GridShape, SPRING_KINDS, STEPS, isotropic};
+use crate::physics::{Material, Spring, SpringNetwork};
+use crate::{Error, Result};
+use glam::{DMat3, DVec3};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::str::FromStr;
+
+/// Nodes that a cage may have.
+const NODES: std::ops::RangeInclusive<usize> = 8..=4_000_000;
+/// Factors of stiffness beyond these are not believed.
+const BELIEVED: [f64; 2] = [0.02, 50.0];
+
+/// What a cage is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CageKind {
+    /// Tets over the cells, five each, stepped by any solver.
+    #[default]
+    Lattice,
+    /// Particles at the corners of the cells, with springs to 18 neighbours: a grid body, stepped
+    /// by Verlet.
+    Grid,
+}
+
+impl CageKind {
+    /// The name, as in scenes.
+    pub fn name(self) -> &'static str {
+        match self {
+            CageKind::Lattice => "lattice",
+            CageKind::Grid => "grid",
+        }
+    }
+}
+
+impl fmt::Display for CageKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for CageKind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<CageKind> {
+        match name {
+            "lattice" => Ok(CageKind::Lattice),
+            "grid" => Ok(CageKind::Grid),
+            _ => Err(Error::Input(format!(
+                "there is no cage \"{name}\"; there are lattice and grid"
+            ))),
+        }
+    }
+}
+
+/// How a cage turned out.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct CageReport {
+    /// Nodes that move.
+    pub nodes: usize,
+    /// Sides of a cell, in file units.
+    pub spacing: [f64; 3],
+    /// Fine nodes outside its tets.
+    pub outside: usize,
+    /// What its springs were multiplied by so that it gives as the fine body does.
+    pub fitted: f64,
+    /// Rate of damping of the slowest swing, 1/s.
+    pub damping: f64,
+}
+
+/// A coarse body that carries a fine one: cells around the fine mesh, with its mass and
+/// stiffness.
+///
+/// Each cell has the mass of what it holds of the fine body, and the mean of its Young's modulus
+/// over the whole cell; so cells that are partly filled are lighter and softer. The springs of
+/// full cells are as stiff in all directions. Parts of the body that share a cell are one.
+#[derive(Clone, Debug)]
+pub struct Cage {
+    /// The tets that carry the fine nodes, in the unit of the fine mesh.
+    pub mesh: TetMesh,
+    /// Its masses and springs.
+    pub network: SpringNetwork,
+    /// The same as particles on a grid, where it is of that kind.
+    pub grid: Option<GridModel>,
+    transfer: Transfer,
+    /// Of each node: the sum of the weights with which it carries fine nodes.
+    influence: Vec<f64>,
+    report: CageReport,
+}
+
+impl Cage {
+    /// A cage of about `nodes` nodes around `mesh`, a body with these masses and springs.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a number of nodes that makes no sense; [`Error::Mesh`] for a mesh
+    /// without an inside.
+    pub fn new(
+        mesh: &TetMesh,
+        network: &SpringNetwork,
+        kind: CageKind,
+        nodes: usize,
+    ) -> Result<Cage> {
+        if !NODES.contains(&nodes) {
+            return Err(Error::Input(format!(
+                "a cage of about {nodes} nodes cannot be made; ask for {} to {}",
+                NODES.start(),
+                NODES.end()
+            )));
+        }
+        let cells = Cells::about(mesh, network, nodes)?;
+        let (own, own_network, grid) = match kind {
+            CageKind::Lattice => {
+                let (own, own_network) = lattice(&cells, network)?;
+                (own, own_network, None)
+            }
+            CageKind::Grid => {
+                let model = particles(&cells, network)?;
+                let own = model.shape.mesh(&model.springs)?;
+                let own_network = network_of(&model, network);
+                (own, own_network, Some(model))
+            }
+        };
+        let transfer = Transfer::new(&own, &mesh.nodes)?;
+        let mut influence = vec![0.0; own.nodes.len()];
+        let mut outside = 0;
+        for (corners, weights) in transfer.shares() {
+            outside += usize::from(weights.iter().any(|w| *w < -1e-6));
+            for (v, w) in corners.iter().zip(weights) {
+                influence[*v as usize] += w.max(0.0);
+            }
+        }
+        let report = CageReport {
+            nodes: own_network.masses.iter().filter(|m| **m > 0.0).count(),
+            spacing: cells.spacing.to_array(),
+            outside,
+            fitted: 1.0,
+            damping: 0.0,
+        };
+        Ok(Cage {
+            mesh: own,
+            network: own_network,
+            grid,
+            transfer,
+            influence,
+            report,
+        })
+    }
+
+    /// What carries each fine node.
+    pub fn transfer(&self) -> &Transfer {
+        &self.transfer
+    }
+
+    /// How it turned out.
+    pub fn report(&self) -> CageReport {
+        self.report
+    }
+
+    /// The nodes that stand for these nodes of the fine mesh: those that carry more of them than
+    /// of others, and so many more that each fine node is carried by them for the larger part.
+    pub fn nodes_for(&self, fine: &[u32]) -> Vec<u32> {
+        let shares = self.transfer.shares();
+        let carriers: Vec<&([u32; 4], [f64; 4])> = fine
+            .iter()
+            .filter_map(|v| shares.get(*v as usize))
+            .collect();
+        let mut own = BTreeMap::new();
+        for (corners, weights) in &carriers {
+            for (v, w) in corners.iter().zip(weights) {
+                *own.entry(*v).or_insert(0.0) += w.max(0.0);
+            }
+        }
+        let mostly = |(v, sum): &(&u32, &f64)| **sum > 0.5 * self.influence[**v as usize];
+        let mut chosen: BTreeSet<u32> = own.iter().filter(mostly).map(|(v, _)| *v).collect();
+        for (corners, weights) in carriers {
+            let mut order = [0, 1, 2, 3];
+            order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
+            let has = |k: &usize| chosen.contains(&corners[*k]);
+            let mut held: f64 = order.iter().filter(|k| has(k)).map(|k| weights[*k]).sum();
+            for k in order {
+                if held < 0.5 && chosen.insert(corners[k]) {
+                    held += weights[k];
+                }
+            }
+        }
+        chosen.into_iter().collect()
+    }
+
+    /// Makes the springs stiffer or softer, all by one factor, so that the cage held at `pinned`
+    /// gives as far under its own weight as the fine body held at `fine_pinned`: the work of the
+    /// weight along the three axes is the same. Coarse cells bend less readily than fine ones,
+    /// and this makes up for it. Finds the damping of the slowest swing too.
+    ///
+    /// Bodies that hang on nothing are held at the lowest end of their longest axis for it.
+    ///
+    /// Returns the factor, 1 where none could be found.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the numbers of nodes and pins differ.
+    pub fn fit(
+        &mut self,
+        fine: &SpringNetwork,
+        fine_pinned: &[bool],
+        pinned: &[bool],
+    ) -> Result<f64> {
+        if fine_pinned.len() != fine.rest.len()
+            || fine.rest.len() != self.transfer.shares().len()
+            || pinned.len() != self.network.rest.len()
+        {
+            return Err(Error::Input(format!(
+                "{} and {} pins are given for {} fine nodes and {} of the cage",
+                fine_pinned.len(),
+                pinned.len(),
+                self.transfer.shares().len(),
+                self.network.rest.len()
+            )));
+        }
+        let (fine_pinned, pinned) = match fine_pinned.contains(&true) {
+            true => (fine_pinned.to_vec(), pinned.to_vec()),
+            false => self.held_at_one_end(fine),
+        };
+        let coarse = Held::new(&self.network, &pinned);
+        let fine = Held::new(fine, &fine_pinned);
+        if !coarse.moves() || !fine.moves() {
+            return Ok(1.0);
+        }
+        let sag = coarse.sag(None);
+        let start: Vec<Vec<DVec3>> = sag
+            .iter()
+            .map(|u| self.transfer.apply(u))
+            .collect::<Result<_>>()?;
+        let start: Option<Sag> = start.try_into().ok();
+        let fine_sag = fine.sag(start.as_ref());
+        let factor = coarse.compliance(&sag) / fine.compliance(&fine_sag);
+        let damping = self.network.damping_time * fine.slowest(&fine_sag);
+        if !(factor >= BELIEVED[0] && factor <= BELIEVED[1]) {
+            return Ok(1.0);
+        }
+        for spring in &mut self.network.springs {
+            spring.stiffness *= factor;
+        }
+        // As much damping as before: what is in proportion to stiffness was scaled with it.
+        if let Some(grid) = &mut self.grid {
+            grid.stiffness = grid.stiffness.map(|k| k * factor);
+            grid.damping = damping;
+        }
+        self.report.fitted *= factor;
+        self.report.damping = damping;
+        Ok(factor)
+    }
+
+    /// Pins at the lowest end of the longest axis, of the fine body and of the cage.
+    fn held_at_one_end(&self, fine: &SpringNetwork) -> (Vec<bool>, Vec<bool>) {
+        let (low, high) = crate::mesh::bounds(&fine.rest);
+        let axis = (high - low).max_position();
+        let limit = low[axis] + 0.05 * (high - low)[axis];
+        let fine_pinned: Vec<bool> = fine.rest.iter().map(|x| x[axis] <= limit).collect();
+        let held: Vec<u32> = (0..fine_pinned.len() as u32)
+            .filter(|v| fine_pinned[*v as usize])
+            .collect();
+        let mut pinned = vec![false; self.network.rest.len()];
+        for v in self.nodes_for(&held) {
+            pinned[v as usize] = true;
+        }
+        (fine_pinned, pinned)
+    }
+}
+
+/// Springs of a cage with the given lists, damped as the fine body is.
+fn damped_as(
+    fine: &SpringNetwork,
+    frame: LocalFrame,
+    rest: Vec<DVec3>,
+    masses: Vec<f64>,
+    springs: Vec<Spring>,
+) -> SpringNetwork {
+    // One κ_d for springs of any length makes meshes of any fineness alike only by its share of
+    // their stiffness.
+    let total: f64 = fine.springs.iter().map(|s| s.stiffness).sum();
+    let extra = match total > 0.0 {
+        true => fine.damping * fine.springs.len() as f64 / total,
+        false => 0.0,
+    };
+    SpringNetwork {
+        rest,
+        masses,
+        springs,
+        damping: 0.0,
+        damping_time: fine.damping_time + extra,
+        damping_kind: fine.damping_kind,
+        frame,
+        length_unit: fine.length_unit,
+    }
+}
+
+/// Tets over the cells, and springs along their edges.
+///
+/// A cell of five tets has each edge of the cell, and one diagonal of each face. With κ of the
+/// edges as [`isotropic`] has them, shared by four cells, and κ of the diagonals doubled, for
+/// there is one in place of two, and shared by two cells, full cells are as stiff in all
+/// directions.
+fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwork)> {
+    let held = |c: [usize; 3]| cells.content(c.map(|n| n as i64)).held;
+    let Grid { nodes, tets } = grid(cells.count, Split::Five, held)?;
+    let place = |n: &[usize; 3]| cells.low + cells.spacing * DVec3::from(n.map(|i| i as f64));
+    let mesh = TetMesh {
+        nodes: nodes.iter().map(place).collect(),
+        tets,
+        length_unit: Some(fine.length_unit),
+        ..TetMesh::default()
+    };
+    let unit = fine.length_unit;
+    let shares = isotropic(cells.spacing * unit, 1.0)?;
+    let mut masses = vec![0.0; mesh.nodes.len()];
+    let mut springs: BTreeMap<[u32; 2], f64> = BTreeMap::new();
+    for five in mesh.tets.chunks_exact(5) {
+        let corner = |v: u32| nodes[v as usize];
+        let lowest = five
+            .iter()
+            .flatten()
+            .map(|v| corner(*v))
+            .reduce(|a, b| [0, 1, 2].map(|k| a[k].min(b[k])))
+            .unwrap_or_default();
+        let content = cells.content(lowest.map(|n| n as i64));
+        let mut edges: Vec<[u32; 2]> = five
+            .iter()
+            .flat_map(|tet| TET_EDGES.map(|[a, b]| [tet[a].min(tet[b]), tet[a].max(tet[b])]))
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        let mut corners: Vec<u32> = edges.iter().flatten().copied().collect();
+        corners.sort_unstable();
+        corners.dedup();
+        for v in &corners {
+            masses[*v as usize] += content.mass / corners.len() as f64;
+        }
+        for [a, b] in edges {
+            let (p, q) = (corner(a), corner(b));
+            let along = [0, 1, 2].map(|k| q[k] as i64 - p[k] as i64);
+            let kind = STEPS
+                .iter()
+                .position(|s| s.map(i64::abs) == along.map(i64::abs));
+            let kappa = kind.map_or(0.0, |k| shares[k]);
+            let axial = along.iter().filter(|n| **n != 0).count() == 1;
+            let share = if axial { 0.25 } else { 1.0 };
+            *springs.entry([a, b]).or_insert(0.0) += share * kappa * content.young;
+        }
+    }
+    let frame = LocalFrame::of_mesh(&mesh);
+    let rest: Vec<DVec3> = mesh
+        .nodes
+        .iter()
+        .map(|p| (*p - frame.origin) * unit)
+        .collect();
+    let springs = springs
+        .into_iter()
+        .map(|(nodes, stiffness)| {
+            let [a, b] = nodes.map(|v| rest[v as usize]);
+            Spring {
+                nodes,
+                stiffness,
+                length: a.distance(b),
+            }
+        })
+        .collect();
+    let network = damped_as(fine, frame, rest, masses, springs);
+    Ok((mesh, network))
+}
+
+/// Particles at the corners of the cells: each has an eighth of the mass of the cells around it,
+/// and the mean of their moduli.
+fn particles(cells: &Cells, fine: &SpringNetwork) -> Result<GridModel> {
+    // A layer of particles that the body has not lies around those of the cells.
+    let size = cells.count.map(|n| n + 3);
+    let total: usize = size.iter().product();
+    let at = |i: usize| {
+        let [nx, ny, _] = size;
+        [i % nx, i / nx % ny, i / (nx * ny)].map(|n| n as i64 - 1)
+    };
+    let around = |p: [i64; 3]| {
+        (0..8i64)
+            .map(move |k| cells.content([p[0] - (k & 1), p[1] - (k >> 1 & 1), p[2] - (k >> 2)]))
+    };
+    let shape = GridShape {
+        size,
+        spacing: cells.spacing,
+        axes: DMat3::IDENTITY,
+        origin: cells.low - cells.spacing,
+        regions: (0..total)
+            .map(|i| u16::from(around(at(i)).any(|c| c.held)))
+            .collect(),
+        labels: vec![1],
+    };
+    let held = |c: [i64; 3]| cells.content(c).held;
+    // Springs hold only what a cell holds.
+    let mut springs = shape.springs();
+    for (i, mask) in springs.iter_mut().enumerate() {
+        let p = at(i);
+        for bit in 0..2 * SPRING_KINDS {
+            let step = STEPS[bit / 2].map(|s| if bit % 2 == 0 { s } else { -s });
+            let shared = (0..8i64).any(|k| {
+                let cell = [p[0] - (k & 1), p[1] - (k >> 1 & 1), p[2] - (k >> 2)];
+                let inside = |a: usize| (0..=1).contains(&(p[a] + step[a] - cell[a]));
+                held(cell) && (0..3).all(inside)
+            });
+            if !shared {
+                *mask &= !(1 << bit);
+            }
+        }
+    }
+    let means: Vec<f64> = (0..total)
+        .map(|i| around(at(i)).map(|c| c.young).sum::<f64>() / 8.0)
+        .collect();
+    let body = means.iter().copied().fold(0.0, f64::max);
+    let material = Material {
+        length_unit: fine.length_unit,
+        ..Material::young(body)
+    };
+    let mut model = GridModel::new(shape, &material)?;
+    model.springs = springs;
+    model.masses = (0..total)
+        .map(|i| around(at(i)).map(|c| c.mass).sum::<f64>() / 8.0)
+        .collect();
+    model.factors = means
+        .iter()
+        .map(|k| if body > 0.0 { k / body } else { 0.0 })
+        .collect();
+    Ok(model)
+}
+
+/// The masses and springs of a grid as a list.
+fn network_of(model: &GridModel, fine: &SpringNetwork) -> SpringNetwork {
+    let (shape, frame, unit) = (&model.shape, model.frame, model.length_unit);
+    let offsets = shape.offsets();
+    let lengths = shape.rest_lengths();
+    let mut springs = Vec::new();
+    for i in shape.particles() {
+        for k in (0..SPRING_KINDS).filter(|k| model.springs[i] >> (2 * k) & 1 == 1) {
+            let j = (i as i64 + offsets[k]) as usize;
+            springs.push(Spring {
+                nodes: [i.min(j) as u32, i.max(j) as u32],
+                stiffness: 0.5 * (model.factors[i] + model.factors[j]) * model.stiffness[k],
+                length: lengths[k] * unit,
+            });
+        }
+    }
+    springs.sort_unstable_by_key(|s| s.nodes);
+    let rest = (0..shape.regions.len())
+        .map(|i| (shape.place(i) - frame.origin) * unit)
+        .collect();
+    damped_as(fine, frame, rest, model.masses.clone(), springs)
+}

@@ -1,0 +1,202 @@
+//! Cages made from fine bodies: mass, stiffness, and how far they bend.
+
+use glam::{DQuat, DVec3};
+use palpate::cage::{Cage, CageKind};
+use palpate::gpu::Gpu;
+use palpate::mesh::{TetMesh, generate};
+use palpate::physics::grid::GridBody;
+use palpate::physics::{Body, Material, RegionMaterial, SolverKind, SpringNetwork};
+use std::collections::BTreeMap;
+
+/// How a bar lies: along the axes, or across the cells of its cage.
+fn bar(turned: bool) -> TetMesh {
+    let mut mesh = generate::bar([20, 5, 5], DVec3::new(0.2, 0.05, 0.05)).unwrap();
+    if turned {
+        let turn = DQuat::from_rotation_y(0.35) * DQuat::from_rotation_z(0.5);
+        mesh.nodes.iter_mut().for_each(|p| *p = turn * *p);
+    }
+    mesh
+}
+
+fn material() -> Material {
+    Material {
+        damping_time: 0.02,
+        ..Material::young(2e5)
+    }
+}
+
+/// Nodes at the fixed end and at the tip, of the bar as it was before it was turned.
+fn ends() -> [Vec<u32>; 2] {
+    let nodes = bar(false).nodes;
+    let chosen = |f: &dyn Fn(&DVec3) -> bool| -> Vec<u32> {
+        let all = (0..nodes.len() as u32).filter(|v| f(&nodes[*v as usize]));
+        all.collect()
+    };
+    [chosen(&|p| p.x < 1e-6), chosen(&|p| p.x > 0.2 - 1e-6)]
+}
+
+const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -1.0);
+
+/// How far the tip sinks on average, where these positions are those of the fine mesh.
+fn sunk(mesh: &TetMesh, positions: &[DVec3]) -> f64 {
+    let [_, tip] = ends();
+    let sum: f64 = tip
+        .iter()
+        .map(|v| (mesh.nodes[*v as usize] - positions[*v as usize]).z)
+        .sum();
+    sum / tip.len() as f64
+}
+
+/// The body at rest under gravity.
+fn settled(gpu: &Gpu, mut body: Body, pinned: &[u32]) -> Vec<DVec3> {
+    body.pin_nodes(pinned).unwrap();
+    body.set_gravity(GRAVITY);
+    let mut solver = SolverKind::Implicit.solver(gpu, &body).unwrap();
+    solver.run(&mut body, 120, 0.05).unwrap();
+    body.positions().unwrap()
+}
+
+fn settled_grid(gpu: &Gpu, cage: &Cage, pinned: &[u32]) -> Vec<DVec3> {
+    let mut model = cage.grid.clone().unwrap();
+    model.damping = 8.0;
+    let h = 0.9 * model.stable_step();
+    let mut body = GridBody::new(gpu, model).unwrap();
+    body.pin_nodes(pinned);
+    body.set_gravity(GRAVITY);
+    body.run((3.0 / h) as u32, h).unwrap();
+    body.positions().unwrap()
+}
+
+fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
+    let mut flags = vec![false; count];
+    nodes.iter().for_each(|v| flags[*v as usize] = true);
+    flags
+}
+
+/// Tip of the fine bar, of its cage, and of the same tets made of the same material without
+/// anything carried over.
+#[test]
+fn a_cage_bends_as_the_fine_body_does() {
+    let gpu = Gpu::new().unwrap();
+    let mut wrong = Vec::new();
+    for turned in [false, true] {
+        let mesh = bar(turned);
+        let network = SpringNetwork::new(&mesh, &material()).unwrap();
+        let [held, _] = ends();
+        let fine = Body::new(&gpu, &mesh, &material()).unwrap();
+        let truth = sunk(&mesh, &settled(&gpu, fine, &held));
+        assert!(truth > 1e-4 && truth < 0.02, "{truth}");
+        for (kind, nodes, tolerance) in [
+            (CageKind::Lattice, 60, 0.10),
+            (CageKind::Lattice, 200, 0.05),
+            (CageKind::Grid, 200, 0.05),
+        ] {
+            let mut cage = Cage::new(&mesh, &network, kind, nodes).unwrap();
+            let own = cage.nodes_for(&held);
+            let pinned = flags(&own, cage.network.rest.len());
+            cage.fit(&network, &flags(&held, mesh.nodes.len()), &pinned)
+                .unwrap();
+            let tip =
+                |positions: Vec<DVec3>| sunk(&mesh, &cage.transfer().apply(&positions).unwrap());
+            let found = match kind {
+                CageKind::Grid => settled_grid(&gpu, &cage, &own),
+                CageKind::Lattice => {
+                    let network = cage.network.clone();
+                    let body = Body::of_network(&gpu, &cage.mesh, network, &material()).unwrap();
+                    settled(&gpu, body, &own)
+                }
+            };
+            let off = tip(found) / truth - 1.0;
+            let plain = Body::new(&gpu, &cage.mesh, &material()).unwrap();
+            let control = tip(settled(&gpu, plain, &own)) / truth - 1.0;
+            let report = cage.report();
+            println!(
+                "{turned} {kind} {report:?}: {:.4}, without anything carried over {:.4}",
+                off, control
+            );
+            let fine_enough = off.abs() < tolerance && control.abs() > (2.0 * off.abs()).max(0.05);
+            if report.outside > 0 || !fine_enough {
+                wrong.push((turned, kind, nodes, off, control));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+#[test]
+fn mass_and_the_stiffness_of_regions_are_carried_over() {
+    // The upper half is a hundred times stiffer and twice as heavy.
+    let mut mesh = bar(false);
+    let upper: Vec<bool> = (0..mesh.tets.len())
+        .map(|t| mesh.tet_nodes(t).iter().sum::<DVec3>().x / 4.0 > 0.1)
+        .collect();
+    let label = upper.iter().map(|u| f64::from(u8::from(*u))).collect();
+    let field = palpate::mesh::Field::scalar("label", palpate::mesh::Location::Cell, label);
+    mesh.set_field(field).unwrap();
+    let region = RegionMaterial {
+        stiffness: 2e7,
+        density: 2000.0,
+    };
+    let material = Material {
+        region_field: Some("label".into()),
+        regions: BTreeMap::from([(1, region)]),
+        ..material()
+    };
+    let network = SpringNetwork::new(&mesh, &material).unwrap();
+    let total: f64 = network.masses.iter().sum();
+    let centre = |n: &SpringNetwork| {
+        let moment: DVec3 = n.rest.iter().zip(&n.masses).map(|(x, m)| *x * *m).sum();
+        n.to_file(moment / n.masses.iter().sum::<f64>())
+    };
+    for kind in [CageKind::Lattice, CageKind::Grid] {
+        let cage = Cage::new(&mesh, &network, kind, 300).unwrap();
+        let own: f64 = cage.network.masses.iter().sum();
+        assert!((own / total - 1.0).abs() < 1e-9, "{kind}: {own} {total}");
+        let apart = centre(&cage.network).distance(centre(&network));
+        assert!(apart < 0.003, "{kind}: {apart}");
+        let [soft, stiff] = [0.02..0.08, 0.12..0.18].map(|range| {
+            let inside = cage.network.springs.iter().filter(|s| {
+                let ends = s
+                    .nodes
+                    .map(|v| cage.network.to_file(cage.network.rest[v as usize]));
+                ends.iter().all(|p| range.contains(&p.x))
+            });
+            inside.map(|s| s.stiffness).fold(0.0, f64::max)
+        });
+        assert!(
+            (stiff / soft / 100.0 - 1.0).abs() < 0.02,
+            "{kind}: {stiff} {soft}"
+        );
+    }
+}
+
+#[test]
+fn cages_cover_what_they_carry() {
+    for (name, tets) in [("limb", 8_000), ("duct", 6_000), ("ball", 3_000)] {
+        let mesh = generate::by_name(name, Some(tets)).unwrap();
+        let network = SpringNetwork::new(&mesh, &Material::soft_tissue()).unwrap();
+        for kind in [CageKind::Lattice, CageKind::Grid] {
+            for wanted in [60, 1_000] {
+                let cage = Cage::new(&mesh, &network, kind, wanted).unwrap();
+                let report = cage.report();
+                println!("{name} {kind} {wanted}: {report:?}");
+                assert_eq!(report.outside, 0, "{name} {kind} {wanted}");
+                let ratio = report.nodes as f64 / wanted as f64;
+                assert!(
+                    (0.6..1.6).contains(&ratio),
+                    "{name} {kind} {wanted}: {report:?}"
+                );
+                // Cells that are partly filled are lighter, none is massless.
+                let least = cage.network.masses.iter().filter(|m| **m > 0.0);
+                let mean = network.masses.iter().sum::<f64>() / report.nodes as f64;
+                let least = least.copied().fold(f64::INFINITY, f64::min);
+                assert!(least < 0.6 * mean, "{name}: {least} {mean}");
+            }
+        }
+    }
+    let mesh = bar(false);
+    let network = SpringNetwork::new(&mesh, &material()).unwrap();
+    for nodes in [0, 3, 100_000_000] {
+        assert!(Cage::new(&mesh, &network, CageKind::Lattice, nodes).is_err());
+    }
+}
