@@ -3,6 +3,7 @@
 use super::pass::Pipelines;
 use super::timing::Timer;
 use crate::{Error, Result};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -29,6 +30,8 @@ struct Inner {
     timer: Timer,
     readbacks: AtomicU64,
     bytes_made: AtomicU64,
+    /// How often each pass was recorded.
+    recorded: Mutex<BTreeMap<String, u64>>,
     /// The first thing that went wrong outside of any call; kept until the device goes.
     trouble: Arc<Mutex<Option<Trouble>>>,
 }
@@ -104,6 +107,7 @@ impl Gpu {
                 pipelines: Pipelines::default(),
                 readbacks: AtomicU64::new(0),
                 bytes_made: AtomicU64::new(0),
+                recorded: Mutex::default(),
                 trouble: Arc::default(),
             }),
         }
@@ -151,6 +155,21 @@ impl Gpu {
     /// there.
     pub fn bytes_made(&self) -> u64 {
         self.inner.bytes_made.load(Ordering::Relaxed)
+    }
+
+    /// How often each pass was recorded so far, by its name: that of its shader.
+    pub fn passes_recorded(&self) -> BTreeMap<String, u64> {
+        lock(&self.inner.recorded).clone()
+    }
+
+    pub(super) fn count_pass(&self, name: &str) {
+        let mut recorded = lock(&self.inner.recorded);
+        match recorded.get_mut(name) {
+            Some(count) => *count += 1,
+            None => {
+                recorded.insert(name.to_owned(), 1);
+            }
+        }
     }
 
     /// Waits until the device is idle.

@@ -62,6 +62,7 @@ impl<'e> Recorder<'e> {
 
     /// Records a compute dispatch under `name`.
     pub(super) fn compute(&mut self, name: &str, dispatch: impl FnOnce(&mut wgpu::ComputePass)) {
+        self.gpu.count_pass(name);
         if let Some(marks) = &mut self.marks
             && let Some((queries, start, end)) = marks.next(name)
         {
@@ -96,6 +97,7 @@ impl<'e> Recorder<'e> {
         colours: &[Option<wgpu::RenderPassColorAttachment<'_>>],
         depth: Option<wgpu::RenderPassDepthStencilAttachment<'_>>,
     ) -> wgpu::RenderPass<'p> {
+        self.gpu.count_pass(name);
         let mark = self.marks.as_mut().and_then(|marks| marks.next(name));
         self.encoder()
             .begin_render_pass(&wgpu::RenderPassDescriptor {
