@@ -1,4 +1,4 @@
-//! How far a body gives under its own weight, in float64 and for small displacements.
+//! How far a body gives under loads, in float64 and for small displacements.
 
 use crate::physics::SpringNetwork;
 use glam::{DMat3, DVec3};
@@ -9,8 +9,14 @@ const ITERATIONS: usize = 3000;
 /// Relative residual at which they stop.
 const TOLERANCE: f64 = 1e-4;
 
-/// Displacements under an acceleration of 1 m/s² along each axis, one load case after the other.
-pub(super) type Sag = [Vec<DVec3>; 3];
+/// A list for each load case: loads, N, or displacements under them, m.
+pub(super) type Cases = Vec<Vec<DVec3>>;
+
+/// The weight of a body at 1 m/s² along each axis.
+pub(super) fn weights(network: &SpringNetwork) -> Cases {
+    let along = |axis: DVec3| network.masses.iter().map(|m| *m * axis).collect();
+    vec![along(DVec3::X), along(DVec3::Y), along(DVec3::Z)]
+}
 
 /// A network held at some nodes, linear in its displacements.
 pub(super) struct Held<'a> {
@@ -79,13 +85,13 @@ impl<'a> Held<'a> {
         (0..p.len()).into_par_iter().map(row).collect()
     }
 
-    /// Where the body sags to under its own weight, from the guess `start` on.
-    pub fn sag(&self, start: Option<&Sag>) -> Sag {
-        [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
-            let load: Vec<DVec3> = self.network.masses.iter().map(|m| *m * axis).collect();
-            let guess = start.map(|s| s[axis.max_position()].as_slice());
-            self.solve(&load, guess)
-        })
+    /// Where the body gives way to under `loads`, from the guess `start` on.
+    pub fn given(&self, loads: &Cases, start: Option<&Cases>) -> Cases {
+        let guess = |case: usize| start.and_then(|s| s.get(case)).map(Vec::as_slice);
+        let cases = loads.iter().enumerate();
+        cases
+            .map(|(case, load)| self.solve(load, guess(case)))
+            .collect()
     }
 
     fn solve(&self, load: &[DVec3], guess: Option<&[DVec3]>) -> Vec<DVec3> {
@@ -134,27 +140,27 @@ impl<'a> Held<'a> {
         x
     }
 
-    /// The work that its weight along the three axes does, (m/s²)² taken off: how far it gives.
-    pub fn compliance(&self, sag: &Sag) -> f64 {
-        (0..3).map(|axis| self.work(sag, axis)).sum()
-    }
-
-    fn work(&self, sag: &Sag, axis: usize) -> f64 {
-        let masses = self.network.masses.iter();
-        masses.zip(&sag[axis]).map(|(m, u)| m * u[axis]).sum()
-    }
-
-    /// ω² of the slowest swing, by Rayleigh's quotient of the axis along which it gives most.
-    pub fn slowest(&self, sag: &Sag) -> f64 {
-        let axis = (0..3).max_by(|a, b| self.work(sag, *a).total_cmp(&self.work(sag, *b)));
-        let axis = axis.unwrap_or(0);
-        let moving = self.network.masses.iter().zip(&sag[axis]);
+    /// ω² of the slowest swing, by Rayleigh's quotient of the load case that gives most.
+    pub fn slowest(&self, loads: &Cases, given: &Cases) -> f64 {
+        let most = loads
+            .iter()
+            .zip(given)
+            .max_by(|a, b| dot(a.0, a.1).total_cmp(&dot(b.0, b.1)));
+        let Some((load, u)) = most else {
+            return 0.0;
+        };
+        let moving = self.network.masses.iter().zip(u);
         let inertia: f64 = moving.map(|(m, u)| m * u.length_squared()).sum();
         match inertia > 0.0 {
-            true => self.work(sag, axis) / inertia,
+            true => dot(load, u) / inertia,
             false => 0.0,
         }
     }
+}
+
+/// How far a body gives: the work of all loads.
+pub(super) fn compliance(loads: &Cases, given: &Cases) -> f64 {
+    loads.iter().zip(given).map(|(f, u)| dot(f, u)).sum()
 }
 
 fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {

@@ -1,7 +1,7 @@
 //! A cage: a coarse body made from a fine one.
 
 use super::cells::Cells;
-use super::fit::{Held, Sag};
+use super::fit::{Held, compliance, weights};
 use crate::mesh::generate::{Grid, Split, grid};
 use crate::mesh::{LocalFrame, TET_EDGES, TetMesh, Transfer};
 use crate::physics::grid::{GridModel, GridShape, SPRING_KINDS, STEPS, isotropic};
@@ -14,8 +14,10 @@ use std::str::FromStr;
 
 /// Nodes that a cage may have.
 const NODES: std::ops::RangeInclusive<usize> = 8..=4_000_000;
+/// The least share of a held fine node's weights that held nodes of the cage have.
+const HELD: f64 = 0.75;
 /// Factors of stiffness beyond these are not believed.
-const BELIEVED: [f64; 2] = [0.02, 50.0];
+const BELIEVED: std::ops::RangeInclusive<f64> = 0.02..=50.0;
 
 /// What a cage is made of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Deserialize)]
@@ -163,7 +165,7 @@ impl Cage {
     }
 
     /// The nodes that stand for these nodes of the fine mesh: those that carry more of them than
-    /// of others, and so many more that each fine node is carried by them for the larger part.
+    /// of others, and so many more that each fine node is carried by them for the most part.
     pub fn nodes_for(&self, fine: &[u32]) -> Vec<u32> {
         let shares = self.transfer.shares();
         let carriers: Vec<&([u32; 4], [f64; 4])> = fine
@@ -184,7 +186,7 @@ impl Cage {
             let has = |k: &usize| chosen.contains(&corners[*k]);
             let mut held: f64 = order.iter().filter(|k| has(k)).map(|k| weights[*k]).sum();
             for k in order {
-                if held < 0.5 && chosen.insert(corners[k]) {
+                if held < HELD && chosen.insert(corners[k]) {
                     held += weights[k];
                 }
             }
@@ -193,21 +195,23 @@ impl Cage {
     }
 
     /// Makes the springs stiffer or softer, all by one factor, so that the cage held at `pinned`
-    /// gives as far under its own weight as the fine body held at `fine_pinned`: the work of the
-    /// weight along the three axes is the same. Coarse cells bend less readily than fine ones,
-    /// and this makes up for it. Finds the damping of the slowest swing too.
+    /// gives as far as the fine body held at `fine_pinned`, for small displacements: the work of
+    /// `load`, N on the fine nodes, is the same; without a load, that of the body's weight along
+    /// the three axes. Coarse cells bend less readily than fine ones, and this makes up for it.
+    /// Finds the damping of the slowest swing too.
     ///
     /// Bodies that hang on nothing are held at the lowest end of their longest axis for it.
     ///
     /// Returns the factor, 1 where none could be found.
     ///
     /// # Errors
-    /// [`Error::Input`] where the numbers of nodes and pins differ.
+    /// [`Error::Input`] where the numbers of nodes, pins and loads differ.
     pub fn fit(
         &mut self,
         fine: &SpringNetwork,
         fine_pinned: &[bool],
         pinned: &[bool],
+        load: Option<&[DVec3]>,
     ) -> Result<f64> {
         if fine_pinned.len() != fine.rest.len()
             || fine.rest.len() != self.transfer.shares().len()
@@ -225,27 +229,29 @@ impl Cage {
             true => (fine_pinned.to_vec(), pinned.to_vec()),
             false => self.held_at_one_end(fine),
         };
+        let (fine_loads, loads) = match load {
+            Some(load) => (vec![load.to_vec()], vec![self.transfer.gather(load)?]),
+            None => (weights(fine), weights(&self.network)),
+        };
         let coarse = Held::new(&self.network, &pinned);
         let fine = Held::new(fine, &fine_pinned);
         if !coarse.moves() || !fine.moves() {
             return Ok(1.0);
         }
-        let sag = coarse.sag(None);
-        let start: Vec<Vec<DVec3>> = sag
+        let given = coarse.given(&loads, None);
+        let start: Vec<Vec<DVec3>> = given
             .iter()
             .map(|u| self.transfer.apply(u))
             .collect::<Result<_>>()?;
-        let start: Option<Sag> = start.try_into().ok();
-        let fine_sag = fine.sag(start.as_ref());
-        let factor = coarse.compliance(&sag) / fine.compliance(&fine_sag);
-        let damping = self.network.damping_time * fine.slowest(&fine_sag);
-        if !(factor >= BELIEVED[0] && factor <= BELIEVED[1]) {
+        let fine_given = fine.given(&fine_loads, Some(&start));
+        let factor = compliance(&loads, &given) / compliance(&fine_loads, &fine_given);
+        let damping = self.network.damping_time * fine.slowest(&fine_loads, &fine_given);
+        if !BELIEVED.contains(&factor) {
             return Ok(1.0);
         }
         for spring in &mut self.network.springs {
             spring.stiffness *= factor;
         }
-        // As much damping as before: what is in proportion to stiffness was scaled with it.
         if let Some(grid) = &mut self.grid {
             grid.stiffness = grid.stiffness.map(|k| k * factor);
             grid.damping = damping;
