@@ -297,8 +297,9 @@ impl Body {
     /// # Errors
     /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
     pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
-        self.grabs.set_target(grab, target)?;
-        self.changed();
+        if self.grabs.set_target(grab, target)? {
+            self.changed();
+        }
         Ok(())
     }
 
@@ -382,6 +383,12 @@ impl Body {
     /// go on with it.
     fn loads_changed(&mut self) {
         self.revision.any += 1;
+    }
+
+    /// A number that changes whenever the body is changed from outside: its state, pins, forces,
+    /// grabs or shape. What is written to [`Body::force_array`] does not count.
+    pub fn touched(&self) -> u64 {
+        self.revision.any
     }
 
     pub(super) fn revision(&self) -> Revision {

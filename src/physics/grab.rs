@@ -140,8 +140,8 @@ impl Grabs {
         Ok(id)
     }
 
-    /// Moves the target of a grab; file units.
-    pub(super) fn set_target(&mut self, id: GrabId, target: DVec3) -> Result<()> {
+    /// Moves the target of a grab; file units. Whether it was elsewhere before.
+    pub(super) fn set_target(&mut self, id: GrabId, target: DVec3) -> Result<bool> {
         let far = target.distance(self.frame.origin) > FARTHEST * self.frame.scale;
         if !target.is_finite() || far {
             return Err(Error::Input(format!(
@@ -154,9 +154,10 @@ impl Grabs {
             )));
         }
         let grab = self.grabs.get_mut(&id).ok_or_else(unknown)?;
-        self.changed |= grab.target != target;
+        let moved = grab.target != target;
+        self.changed |= moved;
         grab.target = target;
-        Ok(())
+        Ok(moved)
     }
 
     /// The forces that act anyway have changed.

@@ -45,7 +45,7 @@ impl Report {
     }
 
     /// The report on a body of that energy, whose nodes stand at `positions`, in file units.
-    pub(super) fn of_positions(energy: Energy, mesh: &TetMesh, positions: &[DVec3]) -> Report {
+    pub(crate) fn of_positions(energy: Energy, mesh: &TetMesh, positions: &[DVec3]) -> Report {
         let volumes: Vec<f64> = mesh
             .tets
             .par_iter()

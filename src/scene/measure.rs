@@ -1,7 +1,8 @@
 //! What a picture and a step cost, and what they found: the content of `--report`.
 
-use super::Stage;
+use super::{Motion, Stage};
 use crate::Result;
+use crate::cage::CageReport;
 use crate::gpu::Gpu;
 use crate::physics::{Energy, Report};
 use serde::Serialize;
@@ -47,6 +48,21 @@ pub struct StageReport {
     pub inverted: u64,
     /// Simulated time, s.
     pub time: f64,
+    /// The cage that carries the mesh, if one does.
+    pub cage: Option<CageReport>,
+    /// Whether the body is at rest and sleeps.
+    pub asleep: bool,
+    /// Steps that were not simulated because it slept.
+    pub steps_slept: u64,
+    /// Pictures drawn before the measurement.
+    pub pictures_drawn: u64,
+    /// Pictures for which the one before stood, because nothing had changed.
+    pub pictures_kept: u64,
+    /// How often each pass was recorded on the device before the measurement, by its shader:
+    /// `render/refresh_geometry` makes normals and gradients, `render/table_slice` or
+    /// `render/table_volume` a table, `skin/node_normals` and `render/surface_normals` normals to
+    /// light by, `cage/carry` the nodes in a cage.
+    pub passes_recorded: BTreeMap<String, u64>,
 }
 
 /// Conjugate gradients in one step.
@@ -66,6 +82,8 @@ impl Stage {
     /// As [`Stage::image`] and [`Stage::run`].
     pub fn measure(&mut self, frames: u32) -> Result<StageReport> {
         let frames = frames.max(1);
+        let passes_recorded = self.gpu.passes_recorded();
+        let [pictures_drawn, pictures_kept] = self.pictures;
         let state = self.motion().map(|m| m.report(&self.mesh)).transpose()?;
         let picture = self.raycaster.report(&self.camera, self.size)?;
         let cg = self.motion().and_then(|m| m.progress()).and_then(|p| {
@@ -75,11 +93,21 @@ impl Stage {
             })
         });
         let time = self.time();
+        let asleep = self.motion().is_some_and(Motion::asleep);
+        let steps_slept = self.motion().map_or(0, Motion::steps_slept);
+        // What is measured is done.
+        let sleeps = self.motion().is_some_and(Motion::may_sleep);
+        if let Some(motion) = self.motion_mut() {
+            motion.let_sleep(false);
+        }
         let before = self.gpu.readbacks();
         let frame_ms = self.time_frames(frames)?;
         let readbacks = self.gpu.readbacks() - before;
         let passes = self.time_passes()?;
         let step_ms = self.time_steps(frames)?;
+        if let Some(motion) = self.motion_mut() {
+            motion.let_sleep(sleeps);
+        }
         Ok(StageReport {
             adapter: self.gpu.adapter_name(),
             tets: self.mesh.tets.len(),
@@ -99,7 +127,22 @@ impl Stage {
             max_displacement: state.map_or(0.0, |s| s.max_displacement),
             inverted: picture.inverted.into(),
             time,
+            cage: self.motion().and_then(Motion::cage),
+            asleep,
+            steps_slept,
+            pictures_drawn,
+            pictures_kept,
+            passes_recorded,
         })
+    }
+
+    /// Median wall time of a frame in which everything is redrawn, of `frames` after one to warm
+    /// up, ms.
+    ///
+    /// # Errors
+    /// As [`Stage::record`].
+    pub fn frame_ms(&mut self, frames: u32) -> Result<f64> {
+        self.time_frames(frames)
     }
 
     /// Median wall time of a frame in which everything is redrawn, ms.

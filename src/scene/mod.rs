@@ -29,24 +29,28 @@
 //! size = [1024, 768]
 //! ```
 
+mod cage;
 mod grid;
 mod material;
 mod measure;
 mod motion;
 mod region;
 mod skin;
+mod sleep;
 mod source;
 mod stage;
 #[cfg(test)]
 mod tests;
 mod touch;
 
+pub use cage::CageEntry;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};
 pub use motion::{Motion, Mover};
 pub use region::{Axis, LabelOrName, Region};
 pub use source::Seen;
+pub(crate) use stage::SIZE;
 pub use stage::Stage;
 
 use crate::mesher::{Length, Window};
@@ -76,6 +80,8 @@ pub struct Scene {
     pub force: Vec<ForceEntry>,
     /// Makes the body a grid of particles in place of tets.
     pub grid: Option<GridEntry>,
+    /// Simulates a coarse body in place of the mesh, which it carries.
+    pub cage: Option<CageEntry>,
     /// What grabs the body, and where to.
     #[serde(default)]
     pub grab: Vec<GrabEntry>,
@@ -232,6 +238,8 @@ pub struct SolverEntry {
     pub iterations: Option<u32>,
     /// Conjugate gradients: residual, relative to the right-hand side, at which they stop.
     pub tolerance: Option<f64>,
+    /// Whether the body falls asleep when it is at rest; it does where nothing is said.
+    pub sleep: Option<bool>,
 }
 
 /// A force shared by the nodes of a region.
@@ -396,6 +404,9 @@ pub struct PictureEntry {
     pub background: Option<String>,
     /// The most surface layers a ray may enter.
     pub layers: Option<u32>,
+    /// Error of the picture's values, of 1, that the size of the table is chosen for; 0.001 where
+    /// nothing is said.
+    pub accuracy: Option<f64>,
     /// Bits a channel of a PNG: 8 or 16.
     pub bits: Option<u32>,
     /// The root mean square error that its values may have, in 1/255: the cheapest settings that

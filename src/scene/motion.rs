@@ -1,8 +1,11 @@
 //! From a scene's material, solver, pins and forces to a body that moves.
 
 use super::Scene;
+use super::cage::Caged;
+use super::sleep::Sleep;
 use super::touch::Hand;
-use crate::gpu::Gpu;
+use crate::cage::CageReport;
+use crate::gpu::{Gpu, Recorder};
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridBody, GridModel, GridShape};
 use crate::physics::{
@@ -13,7 +16,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 
 /// Gravity where a scene does not say, in m/s².
-const GRAVITY: f64 = 9.81;
+pub(super) const GRAVITY: f64 = 9.81;
 /// Step of the implicit solver where a scene does not say, in s; explicit solvers take a share
 /// of their largest stable step.
 const IMPLICIT_STEP: f64 = 0.01;
@@ -42,6 +45,8 @@ pub struct Motion {
     pub dt: f64,
     hands: Vec<Hand>,
     progress: Option<Progress>,
+    sleep: Sleep,
+    pub(super) caged: Option<Box<Caged>>,
 }
 
 impl Motion {
@@ -71,15 +76,31 @@ impl Motion {
         let (mut material, said) = scene.material.material(mesh)?;
         notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);
-        let (body, dt) = match shape {
-            Some(shape) => scene.grid_mover(gpu, kind, mesh, shape, &material, &mut notes)?,
-            None => scene.tet_mover(gpu, kind, mesh, material, &mut notes)?,
+        let mut caged = None;
+        let (body, dt) = match (shape, &scene.cage) {
+            (Some(_), Some(_)) => {
+                return Err(Error::Input(
+                    "the scene has both [grid] and [cage]; a cage of kind \"grid\" carries the mesh, leave [grid] out".into(),
+                ));
+            }
+            (Some(shape), None) => {
+                scene.grid_mover(gpu, kind, mesh, shape, &material, &mut notes)?
+            }
+            (None, Some(entry)) => {
+                let (body, dt, carried) =
+                    scene.caged_mover(gpu, entry, kind, mesh, &material, &mut notes)?;
+                caged = Some(Box::new(carried));
+                (body, dt)
+            }
+            (None, None) => scene.tet_mover(gpu, kind, mesh, material, &mut notes)?,
         };
         let motion = Motion {
             body,
             dt,
             hands: scene.grab.iter().map(Hand::new).collect::<Result<_>>()?,
             progress: None,
+            sleep: Sleep::new(scene.solver.sleep.unwrap_or(true)),
+            caged,
         };
         Ok((motion, notes))
     }
@@ -94,14 +115,127 @@ impl Motion {
         while done < steps {
             let some = self.steps_at_once().min(steps - done);
             let time = self.time() + f64::from(some) * self.dt;
+            let reach = self.caged.as_ref().map_or(0.0, |c| c.reach());
             for hand in &mut self.hands {
-                hand.act(&mut self.body, time)?;
+                hand.act(&mut self.body, time, reach)?;
             }
-            self.progress = self.body.run(some, self.dt)?;
+            match self.sleep.holds(self.body.touched()) {
+                true => self.sleep.pass(some, self.dt),
+                false => {
+                    self.progress = self.body.run(some, self.dt)?;
+                    let speed = self.speed();
+                    let touched = self.body.touched();
+                    self.sleep.look(speed, some, self.dt, touched);
+                }
+            }
             done += some;
             progress(done);
         }
         Ok(())
+    }
+
+    /// Root mean square speed, in sizes of the body a second, as the last run tells it.
+    fn speed(&self) -> f64 {
+        match (&self.body, self.progress) {
+            (Mover::Grid(body), _) => body.speed(),
+            (Mover::Tets(body, _), Some(progress)) => {
+                let network = body.network();
+                let mass: f64 = network.masses.iter().sum();
+                let speed = (2.0 * progress.last.kinetic.max(0.0) / mass).sqrt();
+                speed / body.units().length
+            }
+            (Mover::Tets(..), None) => f64::INFINITY,
+        }
+    }
+
+    /// Whether the body is at rest and sleeps: time goes by, but nothing is simulated until it is
+    /// touched. It falls asleep when its mean speed stays below a ten-thousandth of its size a
+    /// second.
+    pub fn asleep(&self) -> bool {
+        self.sleep.asleep()
+    }
+
+    /// Steps that were not simulated because the body slept.
+    pub fn steps_slept(&self) -> u64 {
+        self.sleep.slept.0
+    }
+
+    /// Wakes the body: needed after what no count of its own tells of, such as forces written on
+    /// the GPU.
+    pub fn wake(&mut self) {
+        self.sleep.wake();
+    }
+
+    /// Whether the body may fall asleep.
+    pub fn may_sleep(&self) -> bool {
+        self.sleep.allowed()
+    }
+
+    /// Lets the body fall asleep from now on, or not.
+    pub fn let_sleep(&mut self, allowed: bool) {
+        let slept = self.sleep.slept;
+        self.sleep = Sleep::new(allowed);
+        self.sleep.slept = slept;
+    }
+
+    /// How the cage turned out, where one carries the mesh.
+    pub fn cage(&self) -> Option<CageReport> {
+        self.caged.as_ref().map(|c| c.report)
+    }
+
+    /// The nodes of the mesh, for drawing: the body's own, or those that its cage carries.
+    pub(super) fn drawn_nodes(&self) -> &Nodes {
+        match &self.caged {
+            Some(caged) => caged.nodes(),
+            None => self.body.nodes(),
+        }
+    }
+
+    /// Brings the mesh to where its cage is.
+    pub(super) fn carry(&mut self, work: &mut Recorder) {
+        if let Some(caged) = &mut self.caged {
+            caged.carry(work, self.body.nodes());
+        }
+    }
+
+    /// Where the nodes of the mesh are, in file units, read back.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn positions(&self) -> Result<Vec<DVec3>> {
+        self.carried(self.body.nodes().positions()?)
+    }
+
+    /// Puts a body of tets back to where it rested, with the step and the tolerance of `scene`,
+    /// which is otherwise the one it was made for.
+    ///
+    /// # Errors
+    /// As [`Motion::new`].
+    pub(crate) fn restart(&mut self, gpu: &Gpu, scene: &Scene) -> Result<()> {
+        for hand in &mut self.hands {
+            hand.let_go(&mut self.body)?;
+        }
+        self.hands = scene.grab.iter().map(Hand::new).collect::<Result<_>>()?;
+        self.dt = scene.solver.dt.unwrap_or(self.dt);
+        self.progress = None;
+        self.sleep = Sleep::new(scene.solver.sleep.unwrap_or(true));
+        if let Mover::Tets(body, solver) = &mut self.body {
+            let network = body.network();
+            let rest = network.rest.iter().map(|x| network.to_file(*x));
+            let rest: Vec<DVec3> = rest.collect();
+            body.set_positions(&rest)?;
+            body.set_velocities(&vec![DVec3::ZERO; rest.len()])?;
+            *solver = scene.solver_of(gpu, solver.kind(), body)?;
+        }
+        Ok(())
+    }
+
+    /// Vectors at the nodes of the mesh, of those at the nodes of the body.
+    pub(super) fn carried(&self, vectors: Vec<DVec3>) -> Result<Vec<DVec3>> {
+        match &self.caged {
+            Some(caged) => caged.carried(&vectors),
+            None => Ok(vectors),
+        }
     }
 
     /// Steps between two looks at whether all is well and where hands are.
@@ -117,8 +251,8 @@ impl Motion {
     /// Simulated time, in seconds.
     pub fn time(&self) -> f64 {
         match &self.body {
-            Mover::Tets(..) => self.progress.map_or(0.0, |p| p.time),
-            Mover::Grid(body) => body.clock().1,
+            Mover::Tets(..) => self.progress.map_or(0.0, |p| p.time) + self.sleep.slept.1,
+            Mover::Grid(body) => body.clock().1 + self.sleep.slept.1,
         }
     }
 
@@ -140,10 +274,18 @@ impl Motion {
     /// # Errors
     /// What reading back gives.
     pub fn report(&self, mesh: &TetMesh) -> Result<Report> {
-        match &self.body {
-            Mover::Tets(body, _) => Report::new(body, mesh),
-            Mover::Grid(body) => body.report(),
-        }
+        let own = self.caged.as_ref().map_or(mesh, |c| &c.mesh);
+        let report = match &self.body {
+            Mover::Tets(body, _) => Report::new(body, own)?,
+            Mover::Grid(body) => body.report()?,
+        };
+        Ok(match &self.caged {
+            None => report,
+            Some(caged) => {
+                let positions = caged.carried(&self.body.nodes().positions()?)?;
+                Report::of_positions(report.energy, mesh, &positions)
+            }
+        })
     }
 }
 
@@ -164,6 +306,14 @@ impl Mover {
         match self {
             Mover::Tets(body, _) => body.set_positions(positions),
             Mover::Grid(body) => body.set_positions(positions),
+        }
+    }
+
+    /// A number that changes whenever the body is changed from outside.
+    pub fn touched(&self) -> u64 {
+        match self {
+            Mover::Tets(body, _) => body.touched(),
+            Mover::Grid(body) => body.touched(),
         }
     }
 
@@ -219,8 +369,19 @@ impl Mover {
     }
 }
 
-/// The step that is taken where the largest stable one is `limit`.
-fn share_of(limit: f64, notes: &mut Vec<String>) -> f64 {
+/// The step that the scene asks for, or a share of the largest stable one, `limit`; without a
+/// limit the step of an implicit solver.
+pub(super) fn step_of(asked: Option<f64>, limit: Option<f64>, notes: &mut Vec<String>) -> f64 {
+    if let Some(dt) = asked {
+        return dt;
+    }
+    let Some(limit) = limit else {
+        return IMPLICIT_STEP;
+    };
+    let limit = match limit.is_finite() && limit > 0.0 {
+        true => limit,
+        false => IMPLICIT_STEP,
+    };
     let dt = EXPLICIT_SHARE * limit;
     notes.push(format!(
         "a step of {dt:.3e} s: {EXPLICIT_SHARE} of the largest stable one"
@@ -228,33 +389,23 @@ fn share_of(limit: f64, notes: &mut Vec<String>) -> f64 {
     dt
 }
 
-/// Chooses a damping that an explicit solver can bear, for damping costs it step size.
-fn lighten_damping(
-    material: &mut Material,
-    mesh: &TetMesh,
-    kind: SolverKind,
-) -> Result<Option<String>> {
-    material.damping_time = 0.0;
-    let network = SpringNetwork::new(mesh, material)?;
-    let undamped = largest_stable_step(
-        &network,
-        &vec![false; mesh.nodes.len()],
-        SolverKind::Symplectic,
-    );
-    let Some(limit) = undamped.filter(|limit| limit.is_finite()) else {
-        return Ok(None);
-    };
+/// A damping time that an explicit solver can bear with these springs, undamped as they are given,
+/// for damping costs it step size; and a sentence that says so.
+pub(super) fn damping_to_bear(undamped: &SpringNetwork, kind: SolverKind) -> Option<(f64, String)> {
+    let free = vec![false; undamped.rest.len()];
+    let limit = largest_stable_step(undamped, &free, SolverKind::Symplectic);
+    let limit = limit.filter(|limit| limit.is_finite())?;
     // Explicit Euler is stable through damping alone; the others give up a twentieth of a step.
     let share = if kind == SolverKind::Explicit {
         0.5
     } else {
         0.05
     };
-    material.damping_time = share * limit;
-    Ok(Some(format!(
-        "damping of {:.2e} s times the stiffness, which {kind} can bear; --damping says otherwise",
-        material.damping_time
-    )))
+    let damping = share * limit;
+    let said = format!(
+        "damping of {damping:.2e} s times the stiffness, which {kind} can bear; --damping says otherwise"
+    );
+    Some((damping, said))
 }
 
 impl Scene {
@@ -267,20 +418,21 @@ impl Scene {
         notes: &mut Vec<String>,
     ) -> Result<(Mover, f64)> {
         if self.material.damping.is_none() && kind != SolverKind::Implicit {
-            notes.extend(lighten_damping(&mut material, mesh, kind)?);
+            material.damping_time = 0.0;
+            if let Some((damping, said)) =
+                damping_to_bear(&SpringNetwork::new(mesh, &material)?, kind)
+            {
+                material.damping_time = damping;
+                notes.push(said);
+            }
         }
         let mut body = Body::new(gpu, mesh, &material)?;
         notes.extend(self.hold_and_pull(mesh, &mut body)?);
-        let dt = match (self.solver.dt, kind) {
-            (Some(dt), _) => dt,
-            (None, SolverKind::Implicit) => IMPLICIT_STEP,
-            (None, _) => {
-                let limit = largest_stable_step(body.network(), body.pinned(), kind)
-                    .filter(|limit| limit.is_finite() && *limit > 0.0)
-                    .unwrap_or(IMPLICIT_STEP);
-                share_of(limit, notes)
-            }
+        let limit = match self.solver.dt {
+            Some(_) => None,
+            None => largest_stable_step(body.network(), body.pinned(), kind),
         };
+        let dt = step_of(self.solver.dt, limit, notes);
         let solver = self.solver_of(gpu, kind, &body)?;
         Ok((Mover::Tets(Box::new(body), solver), dt))
     }
@@ -341,14 +493,16 @@ impl Scene {
         if !self.force.is_empty() {
             body.set_forces(&forces)?;
         }
-        let dt = match self.solver.dt {
-            Some(dt) => dt,
-            None => share_of(limit, notes),
-        };
+        let dt = step_of(self.solver.dt, Some(limit), notes);
         Ok((Mover::Grid(Box::new(body)), dt))
     }
 
-    fn solver_of(&self, gpu: &Gpu, kind: SolverKind, body: &Body) -> Result<Box<dyn Solver>> {
+    pub(super) fn solver_of(
+        &self,
+        gpu: &Gpu,
+        kind: SolverKind,
+        body: &Body,
+    ) -> Result<Box<dyn Solver>> {
         let mut settings = ConjugateGradients::default();
         if let Some(tolerance) = self.solver.tolerance {
             settings.tolerance = tolerance;
@@ -377,6 +531,14 @@ impl Scene {
         if let Some(gravity) = self.solver.gravity {
             body.set_gravity(gravity.into());
         }
+        if let Some(forces) = self.forces(mesh)? {
+            body.set_forces(&forces)?;
+        }
+        Ok(notes)
+    }
+
+    /// The force on each node of `mesh`, if there are any.
+    pub(super) fn forces(&self, mesh: &TetMesh) -> Result<Option<Vec<DVec3>>> {
         let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
         for entry in &self.force {
             let nodes = entry.on.nodes(mesh)?;
@@ -384,9 +546,6 @@ impl Scene {
                 forces[*v as usize] += DVec3::from(entry.total) / nodes.len() as f64;
             }
         }
-        if !self.force.is_empty() {
-            body.set_forces(&forces)?;
-        }
-        Ok(notes)
+        Ok((!self.force.is_empty()).then_some(forces))
     }
 }

@@ -17,7 +17,7 @@ use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
 /// Picture size where a scene does not say.
-const SIZE: [u32; 2] = [1024, 768];
+pub(crate) const SIZE: [u32; 2] = [1024, 768];
 /// Steps before a picture where a scene names a solver but no number of steps.
 const STEPS: u32 = 50;
 
@@ -57,8 +57,19 @@ pub struct Stage {
     bits: BitDepth,
     steps: u32,
     drawn_version: u64,
+    /// The last picture, as long as nothing has changed since.
+    still: Option<Still>,
+    /// Pictures drawn, and those for which the last one stood.
+    pub(super) pictures: [u64; 2],
     depth: Option<wgpu::TextureView>,
     notes: Vec<String>,
+}
+
+/// A picture and what it shows.
+struct Still {
+    version: u64,
+    camera: Camera,
+    image: Image,
 }
 
 /// Who moves the nodes.
@@ -73,7 +84,7 @@ impl Actor {
     pub(super) fn nodes(&self) -> &Nodes {
         match self {
             Actor::Posed(nodes) => nodes,
-            Actor::Moving(motion) => motion.body.nodes(),
+            Actor::Moving(motion) => motion.drawn_nodes(),
         }
     }
 }
@@ -139,6 +150,8 @@ impl Stage {
             bits: scene.bits()?,
             steps: scene.solver.steps.unwrap_or(STEPS),
             drawn_version: actor.nodes().version(),
+            still: None,
+            pictures: [0; 2],
             depth: None,
             composer: Composer::new(gpu, scene.compose_options())?,
             knives: scene.cut.iter().map(Knife::new).collect::<Result<_>>()?,
@@ -181,6 +194,12 @@ impl Stage {
                 "what nothing moves cannot be cut: name a solver".into(),
             ));
         }
+        if self.motion().is_some_and(|m| m.caged.is_some()) {
+            return Err(Error::Input(
+                "a mesh that a cage carries cannot be cut; leave [cage] out".into(),
+            ));
+        }
+        self.still = None;
         let hit = match &mut self.actor {
             Actor::Posed(_) => false,
             Actor::Moving(motion) => match &mut motion.body {
@@ -260,6 +279,12 @@ impl Stage {
         &mut self.camera
     }
 
+    /// Draws pictures of this size from now on.
+    pub fn set_size(&mut self, size: [u32; 2]) {
+        self.size = size;
+        self.still = None;
+    }
+
     /// The body and its solver, if the scene has one.
     pub fn motion(&self) -> Option<&Motion> {
         match &self.actor {
@@ -324,12 +349,19 @@ impl Stage {
     pub fn pose(&mut self, positions: &[DVec3]) -> Result<()> {
         match &mut self.actor {
             Actor::Posed(nodes) => nodes.set_positions(positions),
+            Actor::Moving(motion) if motion.caged.is_some() => Err(Error::Input(
+                "a mesh that a cage carries stands where its cage has it; leave [cage] out to pose it".into(),
+            )),
             Actor::Moving(motion) => motion.body.set_positions(positions),
         }
     }
 
-    /// Tells the raycaster if the nodes may have moved since it last drew.
-    pub(super) fn notice_moves(&mut self) {
+    /// Brings the mesh to where its cage is, and tells the raycaster if the nodes may have moved
+    /// since it last drew.
+    pub(super) fn notice_moves(&mut self, work: &mut Recorder) {
+        if let Actor::Moving(motion) = &mut self.actor {
+            motion.carry(work);
+        }
         let version = self.actor.nodes().version();
         if version != self.drawn_version {
             self.drawn_version = version;
@@ -348,12 +380,33 @@ impl Stage {
             .pick(&self.camera, pixel, self.size)
     }
 
-    /// The picture, as the scene describes it.
+    /// The picture, as the scene describes it: the last one, where neither body nor camera has
+    /// moved since.
     ///
     /// # Errors
     /// As [`Raycaster::image`].
     pub fn image(&mut self) -> Result<Image> {
-        self.notice_moves();
+        let mut work = self.gpu.record();
+        self.notice_moves(&mut work);
+        work.submit()?;
+        let version = self.drawn_version;
+        if let Some(still) = &self.still
+            && (still.version, still.camera) == (version, self.camera)
+        {
+            self.pictures[1] += 1;
+            return Ok(still.image.clone());
+        }
+        let image = self.draw()?;
+        self.pictures[0] += 1;
+        self.still = Some(Still {
+            version,
+            camera: self.camera,
+            image: image.clone(),
+        });
+        Ok(image)
+    }
+
+    fn draw(&mut self) -> Result<Image> {
         match self.shown {
             Shown::Inside(Mode::Composite) if !self.skins.is_empty() => {
                 let inside = Some(&mut self.raycaster);
@@ -375,7 +428,7 @@ impl Stage {
     /// # Errors
     /// As [`Raycaster::record`].
     pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
-        self.notice_moves();
+        self.notice_moves(work);
         let background = Some([0.0, 0.0, 0.0, 1.0]);
         let target = Target {
             colour,
@@ -447,7 +500,7 @@ impl Stage {
     /// # Errors
     /// What reading back gives.
     pub fn deformed_mesh(&self) -> Result<TetMesh> {
-        let positions = self.actor.nodes().positions()?;
+        let positions = self.positions()?;
         let mut mesh = self.mesh.clone();
         for field in self.motion_fields(&positions)? {
             mesh.set_field(field)?;
@@ -461,9 +514,17 @@ impl Stage {
     /// # Errors
     /// What reading back or writing gives.
     pub fn push(&self, series: &mut PvdSeries) -> Result<()> {
-        let positions = self.actor.nodes().positions()?;
+        let positions = self.positions()?;
         let fields = self.motion_fields(&positions)?;
         series.push_deformed(self.time(), &self.mesh, &positions, &fields)
+    }
+
+    /// Where the nodes of the mesh are, in file units, read back.
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        match &self.actor {
+            Actor::Posed(nodes) => nodes.positions(),
+            Actor::Moving(motion) => motion.positions(),
+        }
     }
 
     fn motion_fields(&self, positions: &[DVec3]) -> Result<Vec<Field>> {
@@ -473,10 +534,8 @@ impl Stage {
             .map(|(x, rest)| *x - *rest);
         let mut fields = vec![vector_field("displacement", displacements)];
         if let Some(motion) = self.motion() {
-            fields.push(vector_field(
-                "velocity",
-                motion.body.velocities()?.into_iter(),
-            ));
+            let velocities = motion.carried(motion.body.velocities()?)?;
+            fields.push(vector_field("velocity", velocities.into_iter()));
         }
         Ok(fields)
     }
@@ -539,6 +598,14 @@ impl Scene {
                 )));
             }
         };
+        if let Some(accuracy) = self.picture.accuracy {
+            if !(accuracy.is_finite() && accuracy > 0.0) {
+                return Err(Error::Input(format!(
+                    "[picture] accuracy = {accuracy}: the error of a picture's values, a positive number, is expected"
+                )));
+            }
+            options.accuracy = accuracy;
+        }
         options.layers = self.picture.layers.unwrap_or(options.layers);
         Ok(options)
     }

@@ -29,8 +29,17 @@ impl Hand {
         })
     }
 
-    /// Takes hold, moves or lets go, as the path has it at `time`.
-    pub fn act(&mut self, body: &mut Mover, time: f64) -> Result<()> {
+    /// Lets go of what it holds.
+    pub fn let_go(&mut self, body: &mut Mover) -> Result<()> {
+        if let Some(grab) = self.grab.take() {
+            body.release(grab)?;
+        }
+        Ok(())
+    }
+
+    /// Takes hold of what is at least within `reach`, moves or lets go, as the path has it at
+    /// `time`.
+    pub fn act(&mut self, body: &mut Mover, time: f64, reach: f64) -> Result<()> {
         let begins = self.entry.path[0][0];
         if self.done || time < begins {
             return Ok(());
@@ -53,7 +62,7 @@ impl Hand {
                         limit: self.entry.limit.unwrap_or(f64::INFINITY),
                     },
                 };
-                let grab = body.grab(at, self.entry.radius, grip)?;
+                let grab = body.grab(at, self.entry.radius.max(reach), grip)?;
                 self.grab = Some(grab);
                 grab
             }

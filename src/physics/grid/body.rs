@@ -42,6 +42,10 @@ pub struct GridBody {
     pub(super) touch: Touch,
     pub(super) steps: u64,
     pub(super) time: f64,
+    /// Counts changes from outside.
+    pub(super) touched: u64,
+    /// The root mean square speed after the last look, in sizes of the body a second.
+    pub(super) speed: f64,
 }
 
 impl GridBody {
@@ -87,6 +91,8 @@ impl GridBody {
             touch: Touch::default(),
             steps: 0,
             time: 0.0,
+            touched: 0,
+            speed: 0.0,
             model,
             mesh,
             nodes,
@@ -138,6 +144,7 @@ impl GridBody {
             }
         }
         self.dirty = true;
+        self.touched += 1;
         self.pinned.iter().filter(|p| **p).count()
     }
 
@@ -149,6 +156,7 @@ impl GridBody {
     /// Sets gravity, m/s² along the file's axes.
     pub fn set_gravity(&mut self, gravity: DVec3) {
         self.gravity = gravity;
+        self.touched += 1;
         self.prepared = None;
     }
 
@@ -163,6 +171,7 @@ impl GridBody {
             )));
         }
         self.model.damping = rate;
+        self.touched += 1;
         self.prepared = None;
         Ok(())
     }
@@ -175,6 +184,7 @@ impl GridBody {
         self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
         self.loaded = forces.iter().any(|f| *f != DVec3::ZERO);
         self.grabs.touch();
+        self.touched += 1;
         self.write_loads()
     }
 
@@ -209,6 +219,7 @@ impl GridBody {
             .nodes
             .check("velocities", velocities, |v| (v / scale).as_vec3())?;
         self.gpu.write_array(&self.velocities, &local)?;
+        self.touched += 1;
         self.lag = None;
         Ok(())
     }
@@ -269,6 +280,18 @@ impl GridBody {
         Ok(Report::of_positions(energy, &self.mesh, &positions))
     }
 
+    /// A number that changes whenever the body is changed from outside: its state, pins, forces,
+    /// grabs or springs.
+    pub fn touched(&self) -> u64 {
+        self.touched
+    }
+
+    /// The root mean square speed of its mass after the last [`GridBody::run`], in sizes of the
+    /// body a second.
+    pub fn speed(&self) -> f64 {
+        self.speed
+    }
+
     /// Steps completed, and simulated time in seconds.
     pub fn clock(&self) -> (u64, f64) {
         (self.steps, self.time)
@@ -290,6 +313,7 @@ impl GridBody {
         let pinned = &self.pinned;
         let free = |i: usize| regions[i] != 0 && !pinned[i] && !held.contains(&(i as u32));
         self.dirty = true;
+        self.touched += 1;
         self.grabs.add(&positions, free, centre, radius, grip)
     }
 
@@ -298,7 +322,8 @@ impl GridBody {
     /// # Errors
     /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
     pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
-        self.grabs.set_target(grab, target)
+        self.touched += u64::from(self.grabs.set_target(grab, target)?);
+        Ok(())
     }
 
     /// Lets go of a grab's particles. Returns how many they are.
@@ -307,6 +332,7 @@ impl GridBody {
     /// [`Error::Input`] for a grab that is not there.
     pub fn release(&mut self, grab: GrabId) -> Result<usize> {
         self.dirty = true;
+        self.touched += 1;
         self.grabs.release(grab)
     }
 

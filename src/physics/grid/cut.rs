@@ -90,6 +90,7 @@ impl GridBody {
         self.model.springs = springs;
         self.mesh = mesh;
         self.dirty = true;
+        self.touched += 1;
         self.refresh_normals()?;
         Ok(GridCut {
             springs: gone.len(),

@@ -139,6 +139,10 @@ impl GridBody {
                 work.submit()?;
                 return Err(self.failure(some, dt));
             }
+            if let Some(status) = status.first() {
+                let mean = f64::from(status.motion) / f64::from(self.particles.len());
+                self.speed = mean.sqrt() / dt;
+            }
             left -= some;
         }
         Ok(())

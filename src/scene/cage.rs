@@ -1,0 +1,200 @@
+//! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
+
+use super::Scene;
+use super::motion::{GRAVITY, Mover, damping_to_bear, step_of};
+use crate::cage::{Cage, CageKind, CageReport, Embedding};
+use crate::gpu::{Gpu, Recorder};
+use crate::mesh::TetMesh;
+use crate::physics::grid::GridBody;
+use crate::physics::{Body, Material, Nodes, SolverKind, SpringNetwork, largest_stable_step};
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::Deserialize;
+
+/// Nodes where nothing is said.
+const NODES: usize = 2000;
+
+/// A cage: a coarse body made from the mesh and its material, simulated in its place. The mesh
+/// is carried along and drawn. Pins, forces, grabs and materials are those of the mesh.
+///
+/// ```toml
+/// [cage]
+/// nodes = 2000            # about how many
+/// kind = "lattice"        # tets, for any solver; or "grid": particles, stepped by verlet
+/// # damping = 8.0         # of a grid: every particle is braked by this rate, 1/s
+/// ```
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CageEntry {
+    /// About how many nodes; 2,000 where nothing is said.
+    pub nodes: Option<usize>,
+    /// What it is made of.
+    pub kind: Option<CageKind>,
+    /// Rate of damping of a grid, 1/s; that of the mesh's slowest swing where nothing is said.
+    pub damping: Option<f64>,
+}
+
+/// What carries the mesh of a scene.
+#[derive(Debug)]
+pub(super) struct Caged {
+    /// The cage's own mesh, at rest.
+    pub mesh: TetMesh,
+    pub report: CageReport,
+    embedding: Embedding,
+}
+
+impl Caged {
+    /// The nodes of the fine mesh.
+    pub fn nodes(&self) -> &Nodes {
+        self.embedding.nodes()
+    }
+
+    /// Records the carrying of the mesh, where the cage has moved.
+    pub fn carry(&mut self, work: &mut Recorder, cage: &Nodes) {
+        self.embedding.record(work, cage);
+    }
+
+    /// Vectors at the nodes of the mesh, of those at the nodes of the cage.
+    pub fn carried(&self, cage: &[DVec3]) -> Result<Vec<DVec3>> {
+        self.embedding.carry(cage)
+    }
+
+    /// Grabs reach at least this far, so that they find a node of the cage.
+    pub fn reach(&self) -> f64 {
+        0.51 * DVec3::from(self.report.spacing).length()
+    }
+}
+
+/// Nodes by number, as a flag each.
+fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
+    let mut flags = vec![false; count];
+    for v in nodes {
+        flags[*v as usize] = true;
+    }
+    flags
+}
+
+impl Scene {
+    /// The body of a cage around `mesh` made of `material`, its step, and what it carries.
+    pub(super) fn caged_mover(
+        &self,
+        gpu: &Gpu,
+        entry: &CageEntry,
+        kind: SolverKind,
+        mesh: &TetMesh,
+        material: &Material,
+        notes: &mut Vec<String>,
+    ) -> Result<(Mover, f64, Caged)> {
+        let form = entry.kind.unwrap_or_default();
+        if form == CageKind::Grid && kind != SolverKind::Verlet {
+            return Err(Error::Input(format!(
+                "a cage of kind \"grid\" is stepped by verlet, not by {kind}; name = \"verlet\", or kind = \"lattice\""
+            )));
+        }
+        if entry.damping.is_some() && form != CageKind::Grid {
+            return Err(Error::Input(
+                "[cage] damping is a grid's; a lattice is damped as its material is".into(),
+            ));
+        }
+        if !self.cut.is_empty() {
+            return Err(Error::Input(
+                "a mesh that a cage carries cannot be cut; leave [cage] or [[cut]] out".into(),
+            ));
+        }
+        let fine = SpringNetwork::new(mesh, material)?;
+        let mut cage = Cage::new(mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
+        let (held, gravity) = self.held(mesh, notes)?;
+        let mut own = Vec::new();
+        for nodes in &held {
+            own.extend(cage.nodes_for(nodes));
+        }
+        let fine_pinned = flags(&held.concat(), mesh.nodes.len());
+        let pinned = flags(&own, cage.mesh.nodes.len());
+        let forces = self.forces(mesh)?;
+        let load = forces.as_ref().map(|forces| -> Vec<DVec3> {
+            let both = forces.iter().zip(&fine.masses);
+            both.map(|(f, m)| *f + *m * gravity).collect()
+        });
+        cage.fit(&fine, &fine_pinned, &pinned, load.as_deref())?;
+        let report = cage.report();
+        notes.push(format!(
+            "a {form} of {} nodes carries the {} of the mesh; its springs are {:.3} times as stiff as their cells, so that it gives as the mesh does",
+            report.nodes,
+            mesh.nodes.len(),
+            report.fitted
+        ));
+        let forces = forces.map(|f| cage.transfer().gather(&f)).transpose()?;
+        let (mover, dt) = match cage.grid.take() {
+            Some(mut model) => {
+                model.damping = entry.damping.unwrap_or(model.damping);
+                let (rate, limit) = (model.damping, model.stable_step());
+                let mut body = GridBody::new(gpu, model)?;
+                body.set_damping(rate)?;
+                body.pin_nodes(&own);
+                body.set_gravity(gravity);
+                if let Some(forces) = &forces {
+                    body.set_forces(forces)?;
+                }
+                let dt = step_of(self.solver.dt, Some(limit), notes);
+                (Mover::Grid(Box::new(body)), dt)
+            }
+            None => {
+                let mut network = cage.network.clone();
+                if self.material.damping.is_none() && kind != SolverKind::Implicit {
+                    network.damping_time = 0.0;
+                    if let Some((damping, said)) = damping_to_bear(&network, kind) {
+                        network.damping_time = damping;
+                        notes.push(said);
+                    }
+                }
+                let mut body = Body::of_network(gpu, &cage.mesh, network, material)?;
+                body.pin_nodes(&own)?;
+                body.set_gravity(gravity);
+                if let Some(forces) = &forces {
+                    body.set_forces(forces)?;
+                }
+                let limit = match self.solver.dt {
+                    Some(_) => None,
+                    None => largest_stable_step(body.network(), body.pinned(), kind),
+                };
+                let dt = step_of(self.solver.dt, limit, notes);
+                let solver = self.solver_of(gpu, kind, &body)?;
+                (Mover::Tets(Box::new(body), solver), dt)
+            }
+        };
+        let transfer = cage.transfer().clone();
+        let embedding = Embedding::with_transfer(gpu, transfer, mover.nodes(), mesh)?;
+        let caged = Caged {
+            mesh: cage.mesh,
+            report,
+            embedding,
+        };
+        Ok((mover, dt, caged))
+    }
+
+    /// The nodes of `mesh` that each pin holds, and gravity; without any pin, one end.
+    fn held(&self, mesh: &TetMesh, notes: &mut Vec<String>) -> Result<(Vec<Vec<u32>>, DVec3)> {
+        let own = self.solver.gravity.map(DVec3::from);
+        if !self.pin.is_empty() {
+            let held = self.pin.iter().map(|region| region.nodes(mesh));
+            let held = held.collect::<Result<_>>()?;
+            return Ok((held, own.unwrap_or(GRAVITY * DVec3::NEG_Z)));
+        }
+        let (low, high) = mesh.bounds();
+        let axis = (high - low).max_position();
+        let limit = low[axis] + 0.05 * (high - low)[axis];
+        let end = (0..mesh.nodes.len() as u32).filter(|v| mesh.nodes[*v as usize][axis] <= limit);
+        let down = if axis == 2 {
+            DVec3::NEG_Y
+        } else {
+            DVec3::NEG_Z
+        };
+        let end: Vec<u32> = end.collect();
+        notes.push(format!(
+            "pinned what carries the {} nodes in the lowest 5 % of {}, the longest axis; gravity acts across it",
+            end.len(),
+            ["x", "y", "z"][axis]
+        ));
+        Ok((vec![end], own.unwrap_or(GRAVITY * down)))
+    }
+}
