@@ -3,6 +3,7 @@
 //! A study measures points, each with all of its settings, into one CSV that a second run goes on
 //! from, draws charts of them, and says in a paragraph what was found.
 
+mod cages;
 mod chart;
 mod motion;
 mod pictures;
@@ -47,6 +48,11 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "scaling",
         "Time and memory against tets, pixels, layers and texels, by the GPU and its twin",
         scaling::run,
+    ),
+    (
+        "cages",
+        "Coarse bodies that carry a fine mesh: error and time against their nodes",
+        cages::run,
     ),
     ("accuracy", "Both motion and pictures", accuracy),
 ];

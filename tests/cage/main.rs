@@ -3,6 +3,8 @@
 
 mod bodies;
 mod embedding;
+mod scenes;
+mod study;
 
 /// Repeatable numbers in −1..1.
 fn noise(seed: u64) -> impl FnMut() -> f64 {

@@ -1,0 +1,265 @@
+//! `study cages`: how true a motion stays, and what it costs, when a coarse cage carries the mesh.
+
+use super::{Axis, Cell, Chart, Look, Row, Run, Series};
+use crate::cage::CageKind;
+use crate::mesh::{TetMesh, bounds};
+use crate::physics::SolverKind;
+use crate::scene::{CageEntry, Motion, Scene};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::path::Path;
+use std::time::Instant;
+
+/// Seconds of motion, and looks at it.
+const SECONDS: f64 = 2.0;
+const LOOKS: u32 = 8;
+/// Nodes of the cages, over those of the mesh.
+const SHARES: [f64; 7] = [0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6];
+const QUICK_SHARES: [f64; 3] = [0.04, 0.1, 0.25];
+
+/// The limb, held at the elbow and pulled at the fingers.
+fn limb(tets: usize) -> Result<Scene> {
+    Scene::parse(&format!(
+        "[mesh]\ngenerate = \"limb\"\ntets = {tets}\n\
+         [material]\nyoung = 1e5\ndensity = 1060\nskin = {{ young = 2e5 }}\nfat = {{ young = 3e4 }}\n\
+         tendon = {{ young = 2e5 }}\nbone = {{ young = 1e6 }}\nmarrow = {{ young = 2e5 }}\n\
+         [solver]\nname = \"implicit\"\ndt = 0.0125\ntolerance = 0.01\ngravity = [0, 0, 0]\n\
+         [[pin]]\naxis = \"x\"\nbelow = 0.04\n\
+         [[force]]\non = {{ axis = \"x\", above = 0.85 }}\ntotal = [0, 0, -0.2]"
+    ))
+}
+
+/// A motion: where the nodes were at each look, and what it cost.
+struct Moved {
+    places: Vec<Vec<DVec3>>,
+    /// Milliseconds for a second of motion.
+    cost: f64,
+    nodes: usize,
+    fitted: f64,
+    /// Seconds until the first step.
+    prepared: f64,
+}
+
+fn moved(run: &Run, scene: &Scene, kind: SolverKind, mesh: &TetMesh) -> Result<Moved> {
+    let start = Instant::now();
+    let (mut motion, _) = Motion::new(run.gpu, scene, kind, mesh, None)?;
+    motion.let_sleep(false);
+    let prepared = start.elapsed().as_secs_f64();
+    let pace = SECONDS / f64::from(LOOKS);
+    let steps = (pace / motion.dt).ceil().max(1.0) as u32;
+    motion.dt = pace / f64::from(steps);
+    let (mut places, mut taken) = (Vec::new(), 0.0);
+    for look in 0..LOOKS {
+        let start = Instant::now();
+        motion.run(steps, &mut |_| {})?;
+        // The first look has the making of the passes in it.
+        if look > 0 {
+            taken += start.elapsed().as_secs_f64();
+        }
+        places.push(motion.positions()?);
+    }
+    let cage = motion.cage();
+    Ok(Moved {
+        places,
+        cost: 1e3 * taken / (SECONDS - pace),
+        nodes: cage.map_or(mesh.nodes.len(), |c| c.nodes),
+        fitted: cage.map_or(1.0, |c| c.fitted),
+        prepared,
+    })
+}
+
+/// Root mean square distance over root mean square displacement, along the way and at its end.
+fn errors(found: &Moved, truth: &Moved, rest: &[DVec3]) -> [f64; 2] {
+    let apart = |a: &[DVec3], b: &[DVec3]| -> f64 {
+        a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
+    };
+    let share = |looks: std::ops::Range<usize>| {
+        let (mut off, mut moved) = (0.0, 0.0);
+        for look in looks {
+            let there = &truth.places[look];
+            off += apart(&found.places[look], there);
+            moved += apart(there, rest);
+        }
+        (off / moved).sqrt()
+    };
+    let last = LOOKS as usize;
+    [share(0..last), share(last - 1..last)]
+}
+
+/// Runs the study, of the limb or of a scene of the user's.
+///
+/// # Errors
+/// As [`Motion::new`], [`Motion::run`] and [`Run::measure`].
+pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
+    let tets = if run.quick { 4_000 } else { 40_000 };
+    let mut scene = match scene {
+        Some(path) => Scene::read(path)?,
+        None => limb(tets)?,
+    };
+    if scene.grid.is_some() || !scene.cut.is_empty() {
+        return Err(Error::Input(
+            "a cage carries bodies of tets that are not cut; leave [grid] and [[cut]] out".into(),
+        ));
+    }
+    scene.cage = None;
+    scene.solver.name = Some("implicit".into());
+    let mesh = scene.mesh.load()?;
+    let name = match (&scene.mesh.generate, &scene.mesh.file) {
+        (Some(name), _) => name.clone(),
+        (None, Some(file)) => file
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into(),
+        (None, None) => "mesh".to_owned(),
+    };
+    let shares: &[f64] = if run.quick { &QUICK_SHARES } else { &SHARES };
+    let count = mesh.nodes.len();
+    let mut points: Vec<Vec<Cell>> = vec![point(&name, &mesh, "own", count)];
+    for kind in [CageKind::Lattice, CageKind::Grid] {
+        let wanted = shares.iter().map(|s| (s * count as f64).round().max(20.0));
+        points.extend(wanted.map(|n| point(&name, &mesh, kind.name(), n as usize)));
+    }
+    let mut truth: Option<Moved> = None;
+    let rows = run.measure(
+        "cages",
+        &["mesh", "tets", "body", "nodes wanted", "seconds"],
+        &[
+            "nodes",
+            "path error",
+            "end error",
+            "ms a second",
+            "stiffness factor",
+            "prepared s",
+        ],
+        &points,
+        |point| {
+            if truth.is_none() {
+                truth = Some(moved(run, &scene, SolverKind::Implicit, &mesh)?);
+            }
+            let Some(truth) = &truth else {
+                return Ok(Vec::new());
+            };
+            let mut own = scene.clone();
+            let found = match point[2].text() {
+                "own" => None,
+                kind => {
+                    let kind: CageKind = kind.parse()?;
+                    own.cage = Some(CageEntry {
+                        nodes: Some(point[3].number() as usize),
+                        kind: Some(kind),
+                        damping: None,
+                    });
+                    let solver = match kind {
+                        CageKind::Lattice => SolverKind::Implicit,
+                        CageKind::Grid => {
+                            own.solver.dt = None;
+                            SolverKind::Verlet
+                        }
+                    };
+                    Some(moved(run, &own, solver, &mesh)?)
+                }
+            };
+            let found = found.as_ref().unwrap_or(truth);
+            let [path, end] = errors(found, truth, &mesh.nodes);
+            let numbers = [
+                found.nodes as f64,
+                path,
+                end,
+                found.cost,
+                found.fitted,
+                found.prepared,
+            ];
+            Ok(numbers.map(Cell::from).to_vec())
+        },
+    )?;
+    draw(run, &rows, &name)?;
+    tell(run, &rows, &mesh, &name)
+}
+
+fn point(name: &str, mesh: &TetMesh, body: &str, nodes: usize) -> Vec<Cell> {
+    vec![
+        name.into(),
+        mesh.tets.len().into(),
+        body.into(),
+        nodes.into(),
+        SECONDS.into(),
+    ]
+}
+
+fn draw(run: &Run, rows: &[Row], name: &str) -> Result<()> {
+    let line = |body: &str, what: &str, x: &str, y: &str, look: Look| {
+        let own = rows.iter().filter(|r| r.text("body") == body);
+        let points = own.map(|r| [r.number(x), r.number(y)]).collect();
+        Series::new(format!("{body}, {what}"), look, points)
+    };
+    let both = |x: &str| {
+        vec![
+            line("lattice", "path", x, "path error", Look::LineMarks),
+            line("lattice", "end", x, "end error", Look::Dashed),
+            line("grid", "path", x, "path error", Look::LineMarks),
+            line("grid", "end", x, "end error", Look::Dashed),
+        ]
+    };
+    let own = rows.iter().find(|r| r.text("body") == "own");
+    let percent = "error of displacement, share of its size";
+    Chart {
+        title: format!("Cages around the {name}: error against nodes"),
+        x: Axis::log("nodes of the cage"),
+        y: Axis::log(percent),
+        series: both("nodes"),
+    }
+    .save(run.dir, "cages_nodes")?;
+    let mut series = both("ms a second");
+    if let Some(own) = own {
+        let cost = own.number("ms a second");
+        let least = rows
+            .iter()
+            .flat_map(|r| [r.number("path error"), r.number("end error")])
+            .filter(|e| *e > 0.0)
+            .fold(f64::INFINITY, f64::min);
+        series.push(Series::new(
+            "the mesh itself",
+            Look::Line,
+            vec![[cost, least], [cost, 1.0]],
+        ));
+    }
+    Chart {
+        title: format!("Cages around the {name}: error against time"),
+        x: Axis::log("time for a second of motion (ms)"),
+        y: Axis::log(percent),
+        series,
+    }
+    .save(run.dir, "cages_time")
+}
+
+fn tell(run: &Run, rows: &[Row], mesh: &TetMesh, name: &str) -> Result<()> {
+    let (low, high) = bounds(&mesh.nodes);
+    let mut text = format!(
+        "The {name} of {} nodes and {} tets, {:.3} long, is moved for {SECONDS} s by implicit Euler, and by cages around it. The error is the root mean square distance of its nodes from where the mesh itself has them, over their displacement there: along the way, and at its end. A grid is stepped by Verlet, which does not damp by itself as implicit Euler does; along the way that counts as its error too.\n",
+        mesh.nodes.len(),
+        mesh.tets.len(),
+        (high - low).max_element()
+    );
+    let own = rows.iter().find(|r| r.text("body") == "own");
+    for row in rows.iter().filter(|r| r.text("body") != "own") {
+        let faster = own.map_or(f64::NAN, |o| {
+            o.number("ms a second") / row.number("ms a second")
+        });
+        text += &format!(
+            "\n- {} of {} nodes: {:.1} % along the way, {:.1} % at the end, {:.0} ms for a second of motion, {faster:.1} times as fast as the mesh itself; its springs are {:.2} times as stiff as their cells.",
+            row.text("body"),
+            row.number("nodes"),
+            100.0 * row.number("path error"),
+            100.0 * row.number("end error"),
+            row.number("ms a second"),
+            row.number("stiffness factor")
+        );
+    }
+    run.tell(
+        "cages",
+        "Coarse cages that carry a fine mesh",
+        &text,
+        &["cages_nodes", "cages_time"],
+    )
+}

@@ -1,0 +1,43 @@
+//! The study of cages, quick.
+
+use palpate::gpu::Gpu;
+use palpate::study::{Run, STUDIES};
+use std::sync::atomic::AtomicBool;
+
+#[test]
+fn finer_cages_are_truer() {
+    let gpu = Gpu::new().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let run = Run {
+        gpu: &gpu,
+        dir: folder.path(),
+        quick: true,
+        progress: &|_, _| {},
+        note: &|_| {},
+        stop: &AtomicBool::new(false),
+    };
+    let (_, _, study) = STUDIES.iter().find(|s| s.0 == "cages").unwrap();
+    study(&run, None).unwrap();
+    let text = std::fs::read_to_string(folder.path().join("cages.csv")).unwrap();
+    println!("{text}");
+    let mut lines = text.lines().map(|l| l.split(',').collect::<Vec<_>>());
+    let names = lines.next().unwrap();
+    let column = |name: &str| names.iter().position(|n| *n == name).unwrap();
+    let (body, end) = (column("body"), column("end error"));
+    let rows: Vec<Vec<&str>> = lines.collect();
+    for kind in ["lattice", "grid"] {
+        let errors: Vec<f64> = rows
+            .iter()
+            .filter(|r| r[body] == kind)
+            .map(|r| r[end].parse().unwrap())
+            .collect();
+        assert_eq!(errors.len(), 3, "{kind}");
+        if kind == "lattice" {
+            assert!(errors[2] < errors[0], "{kind}: {errors:?}");
+        }
+        assert!(errors[2] < 0.4, "{kind}: {errors:?}");
+    }
+    for file in ["cages_nodes.svg", "cages_time.png", "cages.md"] {
+        assert!(folder.path().join(file).exists(), "{file}");
+    }
+}
