@@ -19,6 +19,7 @@ pub mod render;
 pub mod scene;
 pub mod skin;
 pub mod study;
+pub mod tune;
 pub mod volume;
 
 pub use error::{Error, Result};

@@ -10,6 +10,7 @@ mod progress;
 mod render;
 mod simulate;
 mod study;
+mod tune;
 
 use clap::{Parser, Subcommand};
 use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
@@ -46,6 +47,8 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Measure accuracy against speed, stability, cost against size; with charts
     Study(study::StudyArguments),
+    /// Find the cheapest settings of a scene that are as accurate as asked for, on this machine
+    Tune(tune::TuneArguments),
     /// List the graphics adapters, best first
     Adapters,
 }
@@ -85,6 +88,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Compare(arguments) => compare::run(arguments),
         Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Study(arguments) => study::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Tune(arguments) => tune::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Adapters => adapters(adapter),
     }
 }

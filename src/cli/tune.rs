@@ -1,0 +1,58 @@
+//! `palpate tune`: the cheapest settings of a scene that are accurate enough.
+
+use super::{Outcome, progress};
+use clap::Args;
+use palpate::gpu::Gpu;
+use palpate::scene::Scene;
+use palpate::tune::{Wanted, tune};
+use std::path::PathBuf;
+
+/// Arguments of `tune`.
+#[derive(Args)]
+pub struct TuneArguments {
+    /// A scene (.toml) with a body of tets
+    scene: PathBuf,
+    /// The largest error, of motion and of picture: 1%, or 0.01
+    #[arg(long, value_parser = share, default_value = "1%")]
+    error: f64,
+    /// Pictures a second of a body that moves as fast as in life
+    #[arg(long)]
+    fps: Option<f64>,
+    /// Seconds of motion that are held against truth
+    #[arg(long, default_value_t = 0.5)]
+    seconds: f64,
+    /// The scene with what was chosen
+    #[arg(long, short)]
+    out: PathBuf,
+}
+
+/// Tunes a scene; exit code 1 where nothing meets what is wanted, and the best there is written.
+pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
+    let scene = Scene::read(&arguments.scene)?;
+    let wanted = Wanted {
+        error: arguments.error,
+        fps: arguments.fps,
+        seconds: arguments.seconds,
+    };
+    let tuned = progress::stages(|progress| tune(gpu, &scene, &wanted, progress))?;
+    tuned.write(&arguments.scene, &arguments.out)?;
+    super::tell(&tuned.notes);
+    Ok(match tuned.met {
+        true => Outcome::Done,
+        false => Outcome::No,
+    })
+}
+
+/// A share as a number, or with a per cent sign.
+fn share(text: &str) -> Result<f64, String> {
+    let (number, unit) = match text.trim().strip_suffix('%') {
+        Some(number) => (number.trim_end(), 0.01),
+        None => (text.trim(), 1.0),
+    };
+    let expected = || format!("\"{text}\" is not an error; 1%, or 0.01, is expected");
+    let number: f64 = number.parse().map_err(|_| expected())?;
+    match number.is_finite() && number > 0.0 {
+        true => Ok(unit * number),
+        false => Err(expected()),
+    }
+}

@@ -1,0 +1,372 @@
+//! Candidates of motion: a body or its cage, a solver, a step, a tolerance of its iterations.
+
+use super::search::Trial;
+use crate::cage::CageKind;
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::physics::SolverKind;
+use crate::scene::{CageEntry, Motion, Mover, Scene};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Instant;
+
+/// Times at which motion is held against truth.
+const LOOKS: u32 = 4;
+/// Steps of a probe.
+const PROBE: u32 = 3;
+/// A cage has at most this share of the nodes it carries.
+const COARSER: f64 = 0.6;
+/// The smallest cage, and by how much each is larger.
+const LEAST_CAGE: f64 = 60.0;
+const CAGES: usize = 4;
+/// Steps between two looks, over those that the scene's step makes.
+const PACES: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+/// Tolerances of conjugate gradients.
+const TOLERANCES: [f64; 2] = [0.1, 0.01];
+/// So many explicit steps cost at least what one implicit step does.
+const MOST_EXPLICIT: f64 = 32.0;
+/// The tolerance of truth.
+const TRUE_TOLERANCE: f64 = 1e-4;
+/// A share of a body's size below which nothing is called motion.
+const LEAST_MOTION: f64 = 1e-6;
+
+/// What is simulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Body {
+    /// A lattice cage of about so many nodes.
+    Cage(usize),
+    /// The mesh itself.
+    Own,
+}
+
+/// A candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionPoint {
+    /// What is simulated.
+    pub body: Body,
+    /// By which solver.
+    pub solver: SolverKind,
+    /// Step, s.
+    pub dt: f64,
+    /// Tolerance of conjugate gradients; 0 for solvers without.
+    pub tolerance: f64,
+}
+
+impl fmt::Display for MotionPoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.body {
+            Body::Cage(nodes) => write!(f, "a cage of about {nodes} nodes")?,
+            Body::Own => write!(f, "the mesh's own tets")?,
+        }
+        write!(f, ", {} at {:.3e} s", self.solver, self.dt)?;
+        match self.tolerance > 0.0 {
+            true => write!(f, " to a residual of {}", self.tolerance),
+            false => Ok(()),
+        }
+    }
+}
+
+impl MotionPoint {
+    /// Puts it into a scene; as many seconds as before lie between two pictures.
+    pub fn apply(&self, scene: &mut Scene) {
+        let steps = scene.solver.steps.zip(scene.solver.dt);
+        scene.cage = match self.body {
+            Body::Own => None,
+            Body::Cage(nodes) => Some(CageEntry {
+                nodes: Some(nodes),
+                kind: Some(CageKind::Lattice),
+                damping: None,
+            }),
+        };
+        scene.solver.name = Some(self.solver.name().to_owned());
+        scene.solver.dt = Some(self.dt);
+        scene.solver.tolerance = (self.tolerance > 0.0).then_some(self.tolerance);
+        if let Some((steps, dt)) = steps {
+            let steps = (f64::from(steps) * dt / self.dt).round();
+            scene.solver.steps = Some(steps.max(1.0) as u32);
+        }
+    }
+}
+
+/// What a candidate's cost is counted in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cost {
+    /// Milliseconds for a second of motion, on the machine at hand.
+    Time,
+    /// Millions of visits of springs for a second of motion: the same on every machine.
+    Visits,
+}
+
+/// The candidates of a scene, and what is true of its motion.
+pub struct Motions<'a> {
+    gpu: Gpu,
+    scene: Scene,
+    mesh: TetMesh,
+    cost: Cost,
+    /// Seconds between two looks.
+    pace: f64,
+    points: Vec<MotionPoint>,
+    /// Where the nodes are at each look.
+    truth: Vec<Vec<DVec3>>,
+    /// Σ |displacement|² over nodes and looks.
+    moved: f64,
+    /// The motions made so far, by what is simulated and the solver.
+    made: BTreeMap<(Body, &'static str), Option<Motion>>,
+    progress: &'a (dyn Fn(&str, f64) + Sync),
+}
+
+impl<'a> Motions<'a> {
+    /// Finds what is true of the first `seconds` of the motion of `scene`: with its own mesh, by
+    /// implicit Euler with steps of an eighth and a sixteenth of its own, extrapolated to none.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grid body, a body that is cut, or nothing that moves; otherwise as
+    /// [`Motion::new`] and [`Motion::run`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        seconds: f64,
+        cost: Cost,
+        progress: &'a (dyn Fn(&str, f64) + Sync),
+    ) -> Result<Motions<'a>> {
+        if scene.grid.is_some() || !scene.cut.is_empty() {
+            return Err(Error::Input(
+                "bodies of tets that are not cut can be tuned; leave [grid] and [[cut]] out".into(),
+            ));
+        }
+        let mut scene = scene.clone();
+        scene.solver.sleep = Some(false);
+        let mesh = scene.mesh.load()?;
+        let pace = seconds / f64::from(LOOKS);
+        let own = scene.solver.dt.unwrap_or(0.01).min(pace);
+        let steps = (pace / own).ceil();
+        let counts: Vec<u32> = PACES.map(|p| (p * steps).ceil().max(1.0) as u32).to_vec();
+        let finest = counts.iter().copied().max().unwrap_or(1);
+        let mut counts = counts;
+        counts.dedup();
+        let nodes = mesh.nodes.len() as f64;
+        let most = COARSER * nodes;
+        let growth = (most / LEAST_CAGE)
+            .max(1.0)
+            .powf(1.0 / CAGES as f64)
+            .max(1.5);
+        let sizes = (0..CAGES).map(|k| most / growth.powi(k as i32 + 1));
+        let mut bodies: Vec<Body> = sizes
+            .filter(|n| *n >= 0.5 * LEAST_CAGE)
+            .map(|n| Body::Cage(n.round() as usize))
+            .collect();
+        bodies.push(Body::Own);
+        let mut points = Vec::new();
+        for body in bodies {
+            for count in &counts {
+                for tolerance in TOLERANCES {
+                    points.push(MotionPoint {
+                        body,
+                        solver: SolverKind::Implicit,
+                        dt: pace / f64::from(*count),
+                        tolerance,
+                    });
+                }
+            }
+        }
+        let mut motions = Motions {
+            gpu: gpu.clone(),
+            scene,
+            mesh,
+            cost,
+            pace,
+            points,
+            truth: Vec::new(),
+            moved: 0.0,
+            made: BTreeMap::new(),
+            progress,
+        };
+        motions.find_truth(finest)?;
+        motions.add_explicit(MOST_EXPLICIT * f64::from(finest))?;
+        Ok(motions)
+    }
+
+    fn find_truth(&mut self, finest: u32) -> Result<()> {
+        let mut paths = Vec::new();
+        for (n, count) in [finest, 2 * finest].into_iter().enumerate() {
+            (self.progress)("truth", 0.1 + 0.3 * n as f64);
+            let point = MotionPoint {
+                body: Body::Own,
+                solver: SolverKind::Implicit,
+                dt: self.pace / f64::from(count),
+                tolerance: TRUE_TOLERANCE,
+            };
+            let mut path = Vec::new();
+            self.run(&point, &mut |positions| {
+                path.push(positions.to_vec());
+                true
+            })?;
+            paths.push(path);
+        }
+        let (coarse, fine) = (&paths[0], &paths[1]);
+        // Of first order: the error halves with the step.
+        self.truth = fine
+            .iter()
+            .zip(coarse)
+            .map(|(fine, coarse)| {
+                let both = fine.iter().zip(coarse);
+                both.map(|(f, c)| 2.0 * *f - *c).collect()
+            })
+            .collect();
+        let rest = &self.mesh.nodes;
+        let moved = |there: &Vec<DVec3>| apart(there, rest);
+        self.moved = self.truth.iter().map(moved).sum();
+        let (low, high) = self.mesh.bounds();
+        let least = LEAST_MOTION * (high - low).max_element();
+        if self.moved <= least * least * rest.len() as f64 {
+            return Err(Error::Input(
+                "nothing moves as far as can be seen, so there is nothing to tune: give it more time (--seconds), or a load".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Explicit candidates, with the largest step that they are stable with, unless they need more
+    /// than `most` for a look.
+    fn add_explicit(&mut self, most: f64) -> Result<()> {
+        let bodies: std::collections::BTreeSet<Body> = self.points.iter().map(|p| p.body).collect();
+        for body in bodies {
+            let mut point = MotionPoint {
+                body,
+                solver: SolverKind::Symplectic,
+                dt: 0.0,
+                tolerance: 0.0,
+            };
+            let mut scene = self.scene.clone();
+            point.apply(&mut scene);
+            scene.solver.dt = None;
+            let made = Motion::new(&self.gpu, &scene, point.solver, &self.mesh, None);
+            let Ok((motion, _)) = made else {
+                continue;
+            };
+            let count = (self.pace / motion.dt).ceil();
+            if !(count.is_finite() && count <= most) {
+                continue;
+            }
+            point.dt = self.pace / count;
+            self.made.insert((body, point.solver.name()), Some(motion));
+            self.points.push(point);
+        }
+        Ok(())
+    }
+
+    /// Where the nodes are at the end of what is true.
+    pub fn last_truth(&self) -> Vec<DVec3> {
+        self.truth.last().cloned().unwrap_or_default()
+    }
+
+    /// Runs a candidate from rest on, showing the nodes at each look until that says to stop.
+    fn run(&mut self, point: &MotionPoint, look: &mut dyn FnMut(&[DVec3]) -> bool) -> Result<()> {
+        let steps = (self.pace / point.dt).round() as u32;
+        let Some(motion) = self.motion(point)? else {
+            return Err(Error::Input("this body cannot be made".into()));
+        };
+        for _ in 0..LOOKS {
+            motion.run(steps, &mut |_| {})?;
+            if !look(&motion.positions()?) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The motion of a candidate, at rest; none where its body cannot be made.
+    fn motion(&mut self, point: &MotionPoint) -> Result<Option<&mut Motion>> {
+        let mut scene = self.scene.clone();
+        point.apply(&mut scene);
+        let (gpu, mesh) = (&self.gpu, &self.mesh);
+        let made = self
+            .made
+            .entry((point.body, point.solver.name()))
+            .or_insert_with(|| {
+                let made = Motion::new(gpu, &scene, point.solver, mesh, None);
+                made.ok().map(|m| m.0)
+            });
+        if let Some(motion) = made {
+            motion.restart(gpu, &scene)?;
+        }
+        Ok(made.as_mut())
+    }
+}
+
+impl Trial for Motions<'_> {
+    type Point = MotionPoint;
+
+    fn points(&self) -> Vec<MotionPoint> {
+        self.points.clone()
+    }
+
+    fn cost(&mut self, point: &MotionPoint) -> Result<f64> {
+        let cost = self.cost;
+        let Some(motion) = self.motion(point)? else {
+            return Ok(f64::INFINITY);
+        };
+        // The first run is slower: passes are made, and iterations guessed.
+        if motion.run(PROBE, &mut |_| {}).is_err() {
+            return Ok(f64::INFINITY);
+        }
+        let start = Instant::now();
+        if motion.run(PROBE, &mut |_| {}).is_err() {
+            return Ok(f64::INFINITY);
+        }
+        let a_step = match cost {
+            Cost::Time => start.elapsed().as_secs_f64() * 1e3 / f64::from(PROBE),
+            Cost::Visits => visits(motion)?,
+        };
+        Ok(a_step / point.dt)
+    }
+
+    fn error(&mut self, point: &MotionPoint, enough: f64) -> Result<f64> {
+        let (truth, moved) = (std::mem::take(&mut self.truth), self.moved);
+        let mut off = 0.0;
+        let mut looks = truth.iter();
+        let run = self.run(point, &mut |positions| {
+            off += looks.next().map_or(0.0, |there| apart(there, positions));
+            // What is wrong already stays wrong.
+            off <= enough * enough * moved
+        });
+        self.truth = truth;
+        match run {
+            Ok(()) => Ok((off / moved).sqrt()),
+            Err(Error::Solver { .. }) => Ok(f64::INFINITY),
+            Err(other) => Err(other),
+        }
+    }
+
+    fn row(&self, point: &MotionPoint) -> String {
+        format!("{:?} {}", point.body, point.solver)
+    }
+
+    fn coarser(&self, point: &MotionPoint, than: &MotionPoint) -> bool {
+        point.solver == than.solver
+            && point.body <= than.body
+            && point.dt >= than.dt
+            && point.tolerance >= than.tolerance
+    }
+}
+
+/// Visits of springs in the last steps, in millions a step.
+fn visits(motion: &Motion) -> Result<f64> {
+    match &motion.body {
+        Mover::Grid(body) => Ok(18e-6 * body.model().shape.count() as f64),
+        Mover::Tets(body, solver) => {
+            let last = solver.history(body)?;
+            let last = &last[last.len().saturating_sub(PROBE as usize)..];
+            let iterations: f64 = last.iter().map(|s| f64::from(s.iterations)).sum();
+            let each = 3.0 + iterations / last.len().max(1) as f64;
+            Ok(2e-6 * body.network().springs.len() as f64 * each)
+        }
+    }
+}
+
+/// Σ |a − b|².
+fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
+}

@@ -1,0 +1,152 @@
+//! The cheapest candidate within a tolerance.
+
+use crate::Result;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Candidates that can be timed and held against truth.
+pub trait Trial {
+    /// Names a candidate.
+    type Point: Clone + fmt::Display;
+
+    /// All candidates.
+    fn points(&self) -> Vec<Self::Point>;
+
+    /// What a candidate costs: a short trial.
+    ///
+    /// # Errors
+    /// What stops the search; a candidate that fails costs ∞.
+    fn cost(&mut self, point: &Self::Point) -> Result<f64>;
+
+    /// Its error: the whole trial, which may end as soon as the error is sure to be more than
+    /// `enough`.
+    ///
+    /// # Errors
+    /// What stops the search; a candidate that fails has the error ∞.
+    fn error(&mut self, point: &Self::Point, enough: f64) -> Result<f64>;
+
+    /// Names a row of candidates, in which one is finer than all others in everything.
+    fn row(&self, point: &Self::Point) -> String;
+
+    /// Whether `point` is surely no more accurate than `than`: as coarse or coarser in all.
+    fn coarser(&self, point: &Self::Point, than: &Self::Point) -> bool;
+}
+
+/// What a search found.
+#[derive(Clone, Debug)]
+pub struct Found<P> {
+    /// The cheapest candidate within the tolerance; where there is none, the most accurate one.
+    pub point: P,
+    /// Its cost.
+    pub cost: f64,
+    /// Its error.
+    pub error: f64,
+    /// Whether that is within the tolerance.
+    pub met: bool,
+    /// Candidates there are, and those that were held against truth.
+    pub tried: [usize; 2],
+    /// Cost and error of each of these; some errors are only known to be at least that.
+    pub frontier: Vec<(f64, f64)>,
+}
+
+/// The cheapest candidate of `trial` whose error is within `tolerance`.
+///
+/// All are timed; then they are tried from the cheapest on. When one fails, the finest of its row
+/// is tried: where that fails too, the row is passed over; and so is what is coarser in all than
+/// one that failed. As long as finer candidates have smaller errors, the first within the
+/// tolerance is the cheapest there is. Where none is found so, every candidate is tried.
+///
+/// # Errors
+/// As [`Trial::cost`] and [`Trial::error`].
+pub fn cheapest<T: Trial>(
+    trial: &mut T,
+    tolerance: f64,
+    progress: &dyn Fn(f64),
+) -> Result<Found<T::Point>> {
+    let points = trial.points();
+    let count = points.len();
+    let mut costs = Vec::with_capacity(count);
+    for (i, point) in points.iter().enumerate() {
+        progress(0.5 * i as f64 / count as f64);
+        costs.push(trial.cost(point)?);
+    }
+    let mut order: Vec<usize> = (0..count).filter(|i| costs[*i].is_finite()).collect();
+    order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]));
+    let mut errors: BTreeMap<usize, f64> = BTreeMap::new();
+    let mut rows: BTreeMap<String, bool> = BTreeMap::new();
+    let mut met = None;
+    'search: for pass_over in [true, false] {
+        for (n, i) in order.iter().enumerate() {
+            progress(0.5 + 0.5 * n as f64 / order.len() as f64);
+            let failed = errors.iter().filter(|(_, e)| **e > tolerance);
+            let mut failed = failed.map(|(f, _)| &points[*f]);
+            let hopeless = failed.any(|f| trial.coarser(&points[*i], f));
+            let row = trial.row(&points[*i]);
+            let barren = pass_over && rows.get(&row) == Some(&false);
+            if !errors.contains_key(i) && (hopeless || barren) {
+                continue;
+            }
+            if error_of(trial, &points, *i, tolerance, &mut errors)? <= tolerance {
+                met = Some(*i);
+                break 'search;
+            }
+            if rows.contains_key(&row) {
+                continue;
+            }
+            let own = order.iter().copied();
+            let own = own.filter(|k| trial.row(&points[*k]) == row);
+            let finest = own.reduce(|a, b| match trial.coarser(&points[b], &points[a]) {
+                true => a,
+                false => b,
+            });
+            let fertile = match finest {
+                Some(f) => error_of(trial, &points, f, tolerance, &mut errors)? <= tolerance,
+                None => true,
+            };
+            rows.insert(row, fertile);
+        }
+    }
+    let least = errors.iter().min_by(|a, b| a.1.total_cmp(b.1));
+    let chosen = met.or_else(|| least.map(|(i, _)| *i)).ok_or_else(|| {
+        crate::Error::Input("no candidate of the search could be run at all".into())
+    })?;
+    Ok(Found {
+        point: points[chosen].clone(),
+        cost: costs[chosen],
+        error: errors[&chosen],
+        met: met.is_some(),
+        tried: [count, errors.len()],
+        frontier: errors.iter().map(|(i, e)| (costs[*i], *e)).collect(),
+    })
+}
+
+/// The error of a candidate, tried once.
+fn error_of<T: Trial>(
+    trial: &mut T,
+    points: &[T::Point],
+    i: usize,
+    tolerance: f64,
+    errors: &mut BTreeMap<usize, f64>,
+) -> Result<f64> {
+    if let Some(known) = errors.get(&i) {
+        return Ok(*known);
+    }
+    let error = trial.error(&points[i], tolerance)?;
+    errors.insert(i, error);
+    Ok(error)
+}
+
+impl<P: fmt::Display> Found<P> {
+    /// What was found, in a sentence.
+    pub fn told(&self, what: &str, cost: &str, tolerance: f64) -> String {
+        let [there, tried] = self.tried;
+        let (own, wanted) = (100.0 * self.error, 100.0 * tolerance);
+        let chosen = format!("{what}: {}, {:.2} {cost}", self.point, self.cost);
+        match self.met {
+            true => format!("{chosen}, with an error of {own:.2} % ({tried} of {there} tried)"),
+            false => format!(
+                "{chosen}; its error of {own:.2} % is the least there is ({tried} of {there} tried), so the tolerance of {wanted} % would have to give, or the mesh, the step and the size that truth is made with"
+            ),
+        }
+    }
+}
