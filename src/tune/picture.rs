@@ -37,6 +37,7 @@ impl PicturePoint {
     pub fn apply(&self, scene: &mut Scene) {
         scene.picture.size = Some(self.size);
         scene.picture.accuracy = Some(self.accuracy);
+        scene.picture.quality = None;
     }
 }
 

@@ -42,6 +42,7 @@ pub(super) fn write(tuned: &Tuned, from: &Path, to: &Path) -> Result<()> {
     let size = chosen.picture.size.map(|s| s.map(i64::from).to_vec());
     put(&mut picture, "size", size);
     put(&mut picture, "accuracy", chosen.picture.accuracy);
+    picture.remove("quality");
     scene.insert("picture".into(), Value::Table(picture));
     let text = toml::to_string(&scene).map_err(|e| Error::format(to, e.to_string()))?;
     atomic_write(to, |file| {

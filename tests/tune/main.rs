@@ -39,7 +39,7 @@ fn scenes() -> Vec<(&'static str, String)> {
         (
             "limb, stiff bones",
             format!(
-                "[mesh]\ngenerate = \"limb\"\ntets = 1500\n[material]\nyoung = 5e4\nbone = {{ young = 1e6 }}\n{solver}\
+                "[mesh]\ngenerate = \"limb\"\ntets = 2000\n[material]\nyoung = 5e4\nbone = {{ young = 1e6 }}\n{solver}\
                  gravity = [0, -9.81, 0]\n[[pin]]\naxis = \"x\"\nbelow = 0.1\n"
             ),
         ),
