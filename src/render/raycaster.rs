@@ -9,11 +9,12 @@
 use super::geometry::Geometry;
 use super::image::Image;
 use super::peel::{Peel, SUM, Walks, attachment};
-use super::table::{TABLE_SIZES, Table, TableForm, TableTexel, Wanted};
+use super::raycast_options::{Gathered, Mode, RaycastOptions, Target, Walk};
+use super::table::{Table, Wanted};
 use super::tiles::{check_size, draw_in_tiles};
 use super::view::{LocalView, View, Window};
 use super::{Camera, ResolvedTransfer, TransferFunction};
-use crate::gpu::{Draw, Gpu, Recorder, Texel};
+use crate::gpu::{Draw, Gpu, Recorder};
 use crate::{Error, Result};
 use std::collections::HashMap;
 
@@ -27,137 +28,18 @@ mod gpu_data {
     }
 }
 
-/// How a ray finds its way from tet to tet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub enum Walk {
-    /// Three projected vertices carried along, one fetched a step: faster, and right also where
-    /// a tet is inverted.
-    #[default]
-    Vertices,
-    /// The paper's: the nearest plane ahead, and the scalar from the gradient.
-    Planes,
-}
-
-/// What a ray gathers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub enum Mode {
-    /// Emission and absorption by the transfer function.
-    #[default]
-    Composite,
-    /// Length inside the mesh, in file units.
-    Thickness,
-}
-
-/// What the shaders can gather: [`Mode`], or counts for a report.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Gathered {
-    Composite,
-    Thickness,
-    Statistics,
-}
-
-impl From<Mode> for Gathered {
-    fn from(mode: Mode) -> Gathered {
-        match mode {
-            Mode::Composite => Gathered::Composite,
-            Mode::Thickness => Gathered::Thickness,
-        }
-    }
-}
-
-/// Choices that a raycaster is made with; see [`RaycastOptions::within`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RaycastOptions {
-    /// How rays walk.
-    pub walk: Walk,
-    /// How segments are looked up.
-    pub table: TableForm,
-    /// What the table's values are held in.
-    pub texel: TableTexel,
-    /// Texels of the table along each scalar, and layers of a [`TableForm::Volume`]; chosen for
-    /// `accuracy` where nothing is said.
-    pub table_size: Option<u32>,
-    /// A ray of more than this opacity is not followed further; 1 follows each to its end.
-    pub opaque: f64,
-    /// Most times a ray may enter the mesh (`--layers`).
-    pub layers: u32,
-    /// Error of a picture's values that the table's size is chosen for.
-    pub accuracy: f64,
-}
-
-impl RaycastOptions {
-    fn check(&self, gpu: &Gpu) -> Result<()> {
-        let wrong = |what: String| Err(Error::Input(what));
-        if !(1..=255).contains(&self.layers) {
-            return wrong(format!(
-                "{} layers: choose from 1 to 255 (--layers)",
-                self.layers
-            ));
-        }
-        if !(self.opaque > 0.0 && self.opaque <= 1.0) {
-            return wrong(format!(
-                "rays cannot end at an opacity of {}: choose above 0, and up to 1",
-                self.opaque
-            ));
-        }
-        if !(self.accuracy > 0.0 && self.accuracy.is_finite()) {
-            return wrong(format!(
-                "an accuracy of {} cannot be met: choose above 0, of a range from 0 to 1",
-                self.accuracy
-            ));
-        }
-        self.table.check()?;
-        self.texel.check(gpu)?;
-        match self.table_size {
-            Some(size) if !TABLE_SIZES.contains(&size) => wrong(format!(
-                "a table of {size} texels a side: choose from {} to {}",
-                TABLE_SIZES.start(),
-                TABLE_SIZES.end()
-            )),
-            _ => Ok(()),
-        }
-    }
-}
-
-/// Where a picture is drawn.
-pub struct Target<'a> {
-    /// The colour attachment; its texture's size is the picture's.
-    pub colour: &'a wgpu::TextureView,
-    /// Depths (`Depth32Float`, drawn with [`Raycaster::clip_from_file`]) of opaque things that
-    /// hide what lies behind them.
-    pub occluder: Option<&'a wgpu::TextureView>,
-    /// What was there before is replaced by this colour (red, green, blue, opacity) under the
-    /// picture; without one, the picture is blended over it.
-    pub background: Option<[f32; 4]>,
-}
-
-/// What the rays of a picture met.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
-pub struct RaycastReport {
-    /// Pixels whose ray meets the mesh.
-    pub rays: u64,
-    /// Walks that ended neither at the boundary nor opaque; none, unless tets are inverted.
-    pub lost_rays: u64,
-    /// Tets that a ray passes, on average.
-    pub tets_per_ray: f64,
-    /// Most times a ray enters the mesh.
-    pub peel_layers: u32,
-    /// Tets that are inside out or flat.
-    pub inverted: u32,
-}
-
 /// A walk is given up after this many tets beyond those there are.
 const CAP_SLACK: u32 = 16;
 
 /// Draws the inside of a [`Geometry`].
 pub struct Raycaster {
-    gpu: Gpu,
-    geometry: Geometry,
-    options: RaycastOptions,
+    pub(super) gpu: Gpu,
+    pub(super) geometry: Geometry,
+    pub(super) options: RaycastOptions,
     transfer: TransferFunction,
-    table: Table,
-    sampler: wgpu::Sampler,
-    lost: wgpu::Buffer,
+    pub(super) table: Table,
+    pub(super) sampler: wgpu::Sampler,
+    pub(super) lost: wgpu::Buffer,
     nothing_opaque: wgpu::TextureView,
     frame: Option<Frame>,
 }
@@ -335,71 +217,7 @@ impl Raycaster {
         })
     }
 
-    /// What the rays of a picture meet, at the present positions. Draws it once more, whole rays,
-    /// and reads back.
-    ///
-    /// # Errors
-    /// As [`Raycaster::image`].
-    pub fn report(&mut self, camera: &Camera, size: [u32; 2]) -> Result<RaycastReport> {
-        self.gpu.queue().write_buffer(&self.lost, 0, &[0; 4]);
-        let (pixels, layers) = self.gather(camera, size, Gathered::Statistics)?;
-        let lost = self.gpu.read_buffer::<u32>(&self.lost)?;
-        self.check_layers(layers)?;
-        let rays = pixels.iter().filter(|p| p[1] > 0.0).count() as u64;
-        let steps: f64 = pixels.iter().map(|p| f64::from(p[0])).sum();
-        Ok(RaycastReport {
-            rays,
-            lost_rays: lost.first().copied().unwrap_or(0).into(),
-            tets_per_ray: steps / (rays.max(1) as f64),
-            peel_layers: layers,
-            inverted: self.geometry.inverted()?,
-        })
-    }
-
-    /// What the table gives for `segments` (scalar in front, scalar behind, length; file units):
-    /// colour premultiplied by opacity, and opacity. To be held against
-    /// [`segment_integral`](crate::reference::segment_integral). Waits and reads back.
-    ///
-    /// # Errors
-    /// When the device cannot hold them.
-    pub fn look_up(&mut self, segments: &[[f64; 3]]) -> Result<Vec<[f32; 4]>> {
-        let (low, high) = self.geometry.range;
-        let share = |s: f64| ((s - low) / (high - low)) as f32;
-        let scale = self.geometry.frame.scale;
-        let given: Vec<[f32; 4]> = segments
-            .iter()
-            .map(|[front, back, d]| [share(*front), share(*back), (d / scale) as f32, 0.0])
-            .collect();
-        let given = self.gpu.array_of("segments", Texel::F32x4, &given)?;
-        let found = self.gpu.array("looked up", Texel::F32x4, segments.len())?;
-        let view = View {
-            scalar: self.table.scalar(),
-            opacity: self.table.opacity,
-            nodes: given.len(),
-            layers: self.table.layers,
-            reach: self.table.reach,
-            ..bytemuck::Zeroable::zeroed()
-        };
-        let pass = self
-            .gpu
-            .pass("render/look_up")
-            .constant("TABLE", self.options.table.code())
-            .constant("SAMPLES", self.options.table.samples())
-            .constant("OPAQUE", self.options.opaque)
-            .read(&given)
-            .read(&self.table.view)
-            .read(&self.sampler)
-            .write(&found)
-            .params(&view)
-            .over(given.len())?;
-        let mut work = self.gpu.record();
-        self.table.record(&mut work);
-        pass.record(&mut work);
-        work.submit()?;
-        self.gpu.read_array(&found)
-    }
-
-    fn check_layers(&self, found: u32) -> Result<()> {
+    pub(super) fn check_layers(&self, found: u32) -> Result<()> {
         if found > self.options.layers {
             return Err(Error::Input(format!(
                 "a ray enters the mesh more than {0} times, and {0} layers were allowed; allow more with --layers",
@@ -410,7 +228,7 @@ impl Raycaster {
     }
 
     /// All pixels of a picture, and the most layers that a tile needed.
-    fn gather(
+    pub(super) fn gather(
         &mut self,
         camera: &Camera,
         size: [u32; 2],

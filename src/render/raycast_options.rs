@@ -1,0 +1,124 @@
+//! What a raycaster is asked for: how rays walk, what they gather, and where that is drawn.
+
+use super::table::{TABLE_SIZES, TableForm, TableTexel};
+use crate::gpu::Gpu;
+use crate::{Error, Result};
+
+/// How a ray finds its way from tet to tet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Walk {
+    /// Three projected vertices carried along, one fetched a step: faster, and right also where
+    /// a tet is inverted.
+    #[default]
+    Vertices,
+    /// The paper's: the nearest plane ahead, and the scalar from the gradient.
+    Planes,
+}
+
+/// What a ray gathers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Mode {
+    /// Emission and absorption by the transfer function.
+    #[default]
+    Composite,
+    /// Length inside the mesh, in file units.
+    Thickness,
+}
+
+/// What the shaders can gather: [`Mode`], or counts for a report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Gathered {
+    Composite,
+    Thickness,
+    Statistics,
+}
+
+impl From<Mode> for Gathered {
+    fn from(mode: Mode) -> Gathered {
+        match mode {
+            Mode::Composite => Gathered::Composite,
+            Mode::Thickness => Gathered::Thickness,
+        }
+    }
+}
+
+/// Choices that a raycaster is made with; see [`RaycastOptions::within`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RaycastOptions {
+    /// How rays walk.
+    pub walk: Walk,
+    /// How segments are looked up.
+    pub table: TableForm,
+    /// What the table's values are held in.
+    pub texel: TableTexel,
+    /// Texels of the table along each scalar, and layers of a [`TableForm::Volume`]; chosen for
+    /// `accuracy` where nothing is said.
+    pub table_size: Option<u32>,
+    /// A ray of more than this opacity is not followed further; 1 follows each to its end.
+    pub opaque: f64,
+    /// Most times a ray may enter the mesh (`--layers`).
+    pub layers: u32,
+    /// Error of a picture's values that the table's size is chosen for.
+    pub accuracy: f64,
+}
+
+impl RaycastOptions {
+    pub(super) fn check(&self, gpu: &Gpu) -> Result<()> {
+        let wrong = |what: String| Err(Error::Input(what));
+        if !(1..=255).contains(&self.layers) {
+            return wrong(format!(
+                "{} layers: choose from 1 to 255 (--layers)",
+                self.layers
+            ));
+        }
+        if !(self.opaque > 0.0 && self.opaque <= 1.0) {
+            return wrong(format!(
+                "rays cannot end at an opacity of {}: choose above 0, and up to 1",
+                self.opaque
+            ));
+        }
+        if !(self.accuracy > 0.0 && self.accuracy.is_finite()) {
+            return wrong(format!(
+                "an accuracy of {} cannot be met: choose above 0, of a range from 0 to 1",
+                self.accuracy
+            ));
+        }
+        self.table.check()?;
+        self.texel.check(gpu)?;
+        match self.table_size {
+            Some(size) if !TABLE_SIZES.contains(&size) => wrong(format!(
+                "a table of {size} texels a side: choose from {} to {}",
+                TABLE_SIZES.start(),
+                TABLE_SIZES.end()
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Where a picture is drawn.
+pub struct Target<'a> {
+    /// The colour attachment; its texture's size is the picture's.
+    pub colour: &'a wgpu::TextureView,
+    /// Depths (`Depth32Float`, drawn with [`clip_from_file`](super::Raycaster::clip_from_file)) of opaque things that
+    /// hide what lies behind them.
+    pub occluder: Option<&'a wgpu::TextureView>,
+    /// What was there before is replaced by this colour (red, green, blue, opacity) under the
+    /// picture; without one, the picture is blended over it.
+    pub background: Option<[f32; 4]>,
+}
+
+/// What the rays of a picture met.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RaycastReport {
+    /// Pixels whose ray meets the mesh.
+    pub rays: u64,
+    /// Walks that ended neither at the boundary nor opaque; none, unless tets are inverted.
+    pub lost_rays: u64,
+    /// Tets that a ray passes, on average.
+    pub tets_per_ray: f64,
+    /// Most times a ray enters the mesh.
+    pub peel_layers: u32,
+    /// Tets that are inside out or flat.
+    pub inverted: u32,
+}
