@@ -14,6 +14,8 @@ enum Each {
     Node,
     Tet,
     Face,
+    /// A face of a tet, inner ones twice.
+    Link,
     /// A place in the rows of springs, where each stands twice; these are filled up to fours.
     Spring,
 }
@@ -39,7 +41,7 @@ const fn arrays(part: &'static str, each: Each, item: u64, roomy: bool, arrays: 
 
 const PARTS: [&str; 4] = ["body", "symplectic", "implicit", "geometry"];
 
-const ARRAYS: [Arrays; 14] = [
+const ARRAYS: [Arrays; 15] = [
     // Positions, velocities, external forces, rows; masses.
     arrays("body", Each::Node, 16, true, 4),
     arrays("body", Each::Node, 8, true, 1),
@@ -57,7 +59,8 @@ const ARRAYS: [Arrays; 14] = [
     arrays("geometry", Each::Node, 4, true, 1),
     arrays("geometry", Each::Node, 16, true, 1),
     arrays("geometry", Each::Tet, 16, false, 1),
-    arrays("geometry", Each::Tet, 128 + 32, false, 1),
+    arrays("geometry", Each::Tet, 128, false, 1),
+    arrays("geometry", Each::Link, 8, false, 1),
     arrays("geometry", Each::Face, 16, true, 1),
 ];
 
@@ -90,6 +93,7 @@ pub fn computed_bytes(part: &str, mesh: &TetMesh, topology: &Topology) -> f64 {
             Each::Node => mesh.nodes.len(),
             Each::Tet => mesh.tets.len(),
             Each::Face => topology.boundary.len(),
+            Each::Link => 4 * mesh.tets.len(),
             Each::Spring => 2 * topology.edges.len(),
         })
     };
@@ -190,7 +194,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
         text += &format!(
             "\n| {part} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} |",
             own(Each::Node),
-            own(Each::Tet),
+            own(Each::Tet) + 4.0 * own(Each::Link),
             own(Each::Face),
             2.0 * own(Each::Spring),
             a_tet("computed_bytes"),
