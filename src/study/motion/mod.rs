@@ -1,6 +1,7 @@
 //! `study motion`: the error of every solver, step and linear solve against float64 truth, told
 //! apart by where it comes from, over what it costs; orders of convergence; the model's own error.
 
+mod device;
 mod model;
 mod orders;
 mod picture;

@@ -1,7 +1,8 @@
 //! Charts of errors against time, and what they say.
 
 use super::by_default;
-use super::trial::{ACCURATE, Trial};
+use super::device::ACCURATE;
+use super::trial::Trial;
 use crate::Result;
 use crate::physics::SolverKind;
 use crate::study::{Axis, Chart, Look, Row, Run, Series};
