@@ -3,8 +3,8 @@
 //! Truth is the fine body's converged motion, and its picture with the finest table at full size.
 //! Candidates of motion (cage, solver, step, tolerance of its iterations) and of the picture
 //! (size, table) are timed on the machine at hand by a short probe each; then they are held
-//! against truth from the cheapest on ([`cheapest`]), until one is accurate enough. Bodies of
-//! which even the finest candidate is not are passed over. So a looser tolerance never costs more.
+//! against truth from the cheapest on ([`cheapest`]), until one is accurate enough. So
+//! the choice is the cheapest there is, and a looser tolerance never costs more.
 
 mod motion;
 mod picture;

@@ -339,17 +339,6 @@ impl Trial for Motions<'_> {
             Err(other) => Err(other),
         }
     }
-
-    fn row(&self, point: &MotionPoint) -> String {
-        format!("{:?} {}", point.body, point.solver)
-    }
-
-    fn coarser(&self, point: &MotionPoint, than: &MotionPoint) -> bool {
-        point.solver == than.solver
-            && point.body <= than.body
-            && point.dt >= than.dt
-            && point.tolerance >= than.tolerance
-    }
 }
 
 /// Visits of springs in the last steps, in millions a step.

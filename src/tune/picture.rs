@@ -139,14 +139,6 @@ impl Trial for Pictures {
         let sum: f64 = both.map(|(a, b)| f64::from(a - b).powi(2)).sum();
         Ok((sum / enlarged.len().max(1) as f64).sqrt())
     }
-
-    fn row(&self, point: &PicturePoint) -> String {
-        point.size[0].to_string()
-    }
-
-    fn coarser(&self, point: &PicturePoint, than: &PicturePoint) -> bool {
-        point.size[0] <= than.size[0] && point.accuracy >= than.accuracy
-    }
 }
 
 /// The values of a picture drawn larger, linear between the middles of its pixels.

@@ -24,12 +24,6 @@ pub trait Trial {
     /// # Errors
     /// What stops the search; a candidate that fails has the error ∞.
     fn error(&mut self, point: &Self::Point, enough: f64) -> Result<f64>;
-
-    /// Names a row of candidates, in which one is finer than all others in everything.
-    fn row(&self, point: &Self::Point) -> String;
-
-    /// Whether `point` is surely no more accurate than `than`: as coarse or coarser in all.
-    fn coarser(&self, point: &Self::Point, than: &Self::Point) -> bool;
 }
 
 /// What a search found.
@@ -51,10 +45,9 @@ pub struct Found<P> {
 
 /// The cheapest candidate of `trial` whose error is within `tolerance`.
 ///
-/// All are timed; then they are tried from the cheapest on. When one fails, the finest of its row
-/// is tried: where that fails too, the row is passed over; and so is what is coarser in all than
-/// one that failed. As long as finer candidates have smaller errors, the first within the
-/// tolerance is the cheapest there is. Where none is found so, every candidate is tried.
+/// All are timed; then they are tried from the cheapest on, and the first within the tolerance is
+/// the cheapest there is: errors need not fall as candidates get finer, for that of a step and that
+/// of a cage may cancel.
 ///
 /// # Errors
 /// As [`Trial::cost`] and [`Trial::error`].
@@ -73,37 +66,14 @@ pub fn cheapest<T: Trial>(
     let mut order: Vec<usize> = (0..count).filter(|i| costs[*i].is_finite()).collect();
     order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]));
     let mut errors: BTreeMap<usize, f64> = BTreeMap::new();
-    let mut rows: BTreeMap<String, bool> = BTreeMap::new();
     let mut met = None;
-    'search: for pass_over in [true, false] {
-        for (n, i) in order.iter().enumerate() {
-            progress(0.5 + 0.5 * n as f64 / order.len() as f64);
-            let failed = errors.iter().filter(|(_, e)| **e > tolerance);
-            let mut failed = failed.map(|(f, _)| &points[*f]);
-            let hopeless = failed.any(|f| trial.coarser(&points[*i], f));
-            let row = trial.row(&points[*i]);
-            let barren = pass_over && rows.get(&row) == Some(&false);
-            if !errors.contains_key(i) && (hopeless || barren) {
-                continue;
-            }
-            if error_of(trial, &points, *i, tolerance, &mut errors)? <= tolerance {
-                met = Some(*i);
-                break 'search;
-            }
-            if rows.contains_key(&row) {
-                continue;
-            }
-            let own = order.iter().copied();
-            let own = own.filter(|k| trial.row(&points[*k]) == row);
-            let finest = own.reduce(|a, b| match trial.coarser(&points[b], &points[a]) {
-                true => a,
-                false => b,
-            });
-            let fertile = match finest {
-                Some(f) => error_of(trial, &points, f, tolerance, &mut errors)? <= tolerance,
-                None => true,
-            };
-            rows.insert(row, fertile);
+    for (n, i) in order.iter().enumerate() {
+        progress(0.5 + 0.5 * n as f64 / order.len() as f64);
+        let error = trial.error(&points[*i], tolerance)?;
+        errors.insert(*i, error);
+        if error <= tolerance {
+            met = Some(*i);
+            break;
         }
     }
     let least = errors.iter().min_by(|a, b| a.1.total_cmp(b.1));
@@ -118,22 +88,6 @@ pub fn cheapest<T: Trial>(
         tried: [count, errors.len()],
         frontier: errors.iter().map(|(i, e)| (costs[*i], *e)).collect(),
     })
-}
-
-/// The error of a candidate, tried once.
-fn error_of<T: Trial>(
-    trial: &mut T,
-    points: &[T::Point],
-    i: usize,
-    tolerance: f64,
-    errors: &mut BTreeMap<usize, f64>,
-) -> Result<f64> {
-    if let Some(known) = errors.get(&i) {
-        return Ok(*known);
-    }
-    let error = trial.error(&points[i], tolerance)?;
-    errors.insert(i, error);
-    Ok(error)
 }
 
 impl<P: fmt::Display> Found<P> {

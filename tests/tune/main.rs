@@ -91,14 +91,6 @@ impl Trial for Table<'_> {
         self.errors.insert(key, error);
         Ok(error)
     }
-
-    fn row(&self, point: &MotionPoint) -> String {
-        self.motions.row(point)
-    }
-
-    fn coarser(&self, point: &MotionPoint, than: &MotionPoint) -> bool {
-        self.motions.coarser(point, than)
-    }
 }
 
 /// The best of all candidates, and the finest one.
