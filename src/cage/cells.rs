@@ -271,10 +271,10 @@ mod tests {
         let (low, high) = bounds(&points);
         assert!(low.min_element() >= 0.0 && high.element_sum() < 3.0);
         assert!(points.iter().all(|p| p.element_sum() <= 1.0 + 1e-12));
-        // Moments of a tet: means of 1/4, and of 1/10 for squares.
+        // Moments of a tet: means of 1/4, and of 1/10 for squares. A fold left out misses by 0.07 or more.
         let mean = points.iter().sum::<DVec3>() / count as f64;
         let square = points.iter().map(|p| *p * *p).sum::<DVec3>() / count as f64;
-        assert!((mean - 0.25).abs().max_element() < 2e-3, "{mean}");
-        assert!((square - 0.1).abs().max_element() < 2e-3, "{square}");
+        assert!((mean - 0.25).abs().max_element() < 5e-3, "{mean}");
+        assert!((square - 0.1).abs().max_element() < 5e-3, "{square}");
     }
 }
