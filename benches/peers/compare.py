@@ -12,7 +12,7 @@ import cube
 import matplotlib
 
 matplotlib.use("Agg")
-from matplotlib import pyplot  # noqa: E402
+from matplotlib import pyplot, ticker  # noqa: E402
 
 # Okabe and Ito's colours, which the colour-blind tell apart, and marks besides.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
@@ -32,6 +32,10 @@ def chart(rows, title, x, y, path):
             look = {"color": COLOURS[k % 7], "marker": MARKS[k % 7]}
             axes.plot(*zip(*points), label=f"{tool[0]}, {tool[1]}", **look)
     axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y, title=title)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(ticker.NullFormatter())
     axes.grid(color="#dddddd")
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     for kind in ("svg", "png"):

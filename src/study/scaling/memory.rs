@@ -193,10 +193,11 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
         };
         text += &format!(
             "\n| {part} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} |",
-            own(Each::Node),
-            own(Each::Tet) + 4.0 * own(Each::Link),
-            own(Each::Face),
-            2.0 * own(Each::Spring),
+            // A sum of nothing is -0.
+            own(Each::Node) + 0.0,
+            own(Each::Tet) + 4.0 * own(Each::Link) + 0.0,
+            own(Each::Face) + 0.0,
+            2.0 * own(Each::Spring) + 0.0,
             a_tet("computed_bytes"),
             a_tet("made_bytes"),
             a_tet("driver_bytes")

@@ -294,7 +294,8 @@ fn finding(rows: &[Row]) -> String {
          from node to node. A picture grows slower, as the cube root of the tets where they are \
          many: a ray passes that many of them. A cut through the whole cube opens as many faces as \
          the power 2/3 of the tets, but looks at every tet once, on the CPU. Layers cost a search \
-         for the next faces each, over the whole boundary. The table is as many texels in each of \
+         for the next faces each, over the whole boundary, which here grows with the layers too. \
+         The table is as many texels in each of \
          its slices, however many tets there are.",
         lines.join("\n"),
         iterations.join(", ")
