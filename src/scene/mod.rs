@@ -34,6 +34,7 @@ mod grid;
 mod material;
 mod measure;
 mod motion;
+mod picture;
 mod region;
 mod skin;
 mod sleep;
@@ -48,9 +49,9 @@ pub use material::{MaterialEntry, TissueEntry, TissueTable};
 pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};
 pub use motion::{Motion, Mover};
+pub(crate) use picture::SIZE;
 pub use region::{Axis, LabelOrName, Region};
 pub use source::Seen;
-pub(crate) use stage::SIZE;
 pub use stage::Stage;
 
 use crate::mesher::{Length, Window};

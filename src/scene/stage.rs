@@ -1,41 +1,23 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
+use super::picture::{SIZE, Shown};
 use super::skin::carrier;
 use super::touch::Knife;
-use super::{Motion, Mover, Scene, Seen};
+use super::{Motion, Scene, Seen};
 use crate::gpu::{Gpu, Recorder};
 use crate::io::PvdSeries;
 use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
 use crate::physics::grid::GridShape;
 use crate::physics::{Nodes, SolverKind};
 use crate::render::{
-    Background, BitDepth, Camera, Geometry, Image, Mode, Pick, RaycastOptions, Raycaster, Shading,
-    Surface, SurfaceColour, SurfaceTarget, Target, TransferFunction, Walk,
+    Background, BitDepth, Camera, Image, Mode, Pick, Raycaster, Surface, SurfaceTarget, Target,
 };
-use crate::skin::{ComposeOptions, Composer, Skin, SkinColour};
+use crate::skin::{Composer, Skin};
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
-/// Picture size where a scene does not say.
-pub(crate) const SIZE: [u32; 2] = [1024, 768];
 /// Steps before a picture where a scene names a solver but no number of steps.
 const STEPS: u32 = 50;
-
-/// Colour of a surface that shows no field.
-const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
-/// The colour of the walls that cuts lay bare, under a skin.
-const WALL: [f32; 3] = [0.55, 0.12, 0.12];
-
-/// What a picture shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Shown {
-    /// The inside, through the raycaster.
-    Inside(Mode),
-    /// The lit boundary.
-    Surface,
-    /// The skins alone.
-    Skin,
-}
 
 /// A scene ready to be moved and drawn.
 pub struct Stage {
@@ -47,26 +29,26 @@ pub struct Stage {
     pub(super) camera: Camera,
     pub(super) size: [u32; 2],
     pub(super) shown: Shown,
-    topology: Topology,
-    seen: Seen,
-    scene: Scene,
-    skins: Vec<Skin>,
-    composer: Composer,
-    knives: Vec<Knife>,
-    background: Background,
-    bits: BitDepth,
-    steps: u32,
-    drawn_version: u64,
+    pub(super) topology: Topology,
+    pub(super) seen: Seen,
+    pub(super) scene: Scene,
+    pub(super) skins: Vec<Skin>,
+    pub(super) composer: Composer,
+    pub(super) knives: Vec<Knife>,
+    pub(super) background: Background,
+    pub(super) bits: BitDepth,
+    pub(super) steps: u32,
+    pub(super) drawn_version: u64,
     /// The last picture, as long as nothing has changed since.
-    still: Option<Still>,
+    pub(super) still: Option<Still>,
     /// Pictures drawn, and those for which the last one stood.
     pub(super) pictures: [u64; 2],
-    depth: Option<wgpu::TextureView>,
-    notes: Vec<String>,
+    pub(super) depth: Option<wgpu::TextureView>,
+    pub(super) notes: Vec<String>,
 }
 
 /// A picture and what it shows.
-struct Still {
+pub(super) struct Still {
     version: u64,
     camera: Camera,
     image: Image,
@@ -179,84 +161,6 @@ impl Stage {
     /// The skins, as the body carries them now; after a cut, in mode `skin`, its walls follow them.
     pub fn skins(&self) -> &[Skin] {
         &self.skins
-    }
-
-    /// Cuts the body along `blade` (file units) where it stands now: its springs or tets, and
-    /// its skins. Returns whether anything was hit.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a body that nothing moves; otherwise as
-    /// [`Body::cut`](crate::physics::Body::cut) and
-    /// [`GridBody::cut`](crate::physics::grid::GridBody::cut).
-    pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
-        if self.motion().is_none() {
-            return Err(Error::Input(
-                "what nothing moves cannot be cut: name a solver".into(),
-            ));
-        }
-        if self.motion().is_some_and(|m| m.caged.is_some()) {
-            return Err(Error::Input(
-                "a mesh that a cage carries cannot be cut; leave [cage] out".into(),
-            ));
-        }
-        self.still = None;
-        let hit = match &mut self.actor {
-            Actor::Posed(_) => false,
-            Actor::Moving(motion) => match &mut motion.body {
-                Mover::Tets(body, _) => {
-                    let cut = body.cut(&mut self.mesh, &mut self.topology, blade)?;
-                    for [_, from] in &cut.doubled {
-                        self.seen.values.push(self.seen.values[*from as usize]);
-                    }
-                    let geometry = self.raycaster.geometry_mut();
-                    let positions = body.nodes().array();
-                    let scalars = self.seen.scalars();
-                    geometry.follow(&self.mesh, &self.topology, &cut, positions, scalars)?;
-                    self.surface
-                        .follow(self.raycaster.geometry(), &self.seen.values)?;
-                    !cut.is_empty()
-                }
-                Mover::Grid(body) => {
-                    let cut = body.cut(blade)?;
-                    if cut.tets > 0 {
-                        let before = std::mem::replace(&mut self.mesh, body.mesh().clone());
-                        self.mesh.region_names = before.region_names;
-                        self.mesh.length_unit = before.length_unit;
-                        for field in before.fields {
-                            if field.location == Location::Node {
-                                self.mesh.set_field(field)?;
-                            }
-                        }
-                        self.topology = Topology::new(&self.mesh);
-                        self.seen = self.scene.seen(&self.mesh, &self.topology)?;
-                        let (gpu, seen) = (&self.gpu, &self.seen);
-                        (self.raycaster, self.surface) = self.scene.painters(
-                            gpu,
-                            &self.mesh,
-                            &self.topology,
-                            seen,
-                            body.nodes(),
-                        )?;
-                    }
-                    cut.springs > 0
-                }
-            },
-        };
-        if hit && !self.skins.is_empty() {
-            let carrier = carrier(&self.gpu, &self.mesh, &mut self.actor)?;
-            self.skins.truncate(self.scene.skin.len());
-            let mut walls = Vec::new();
-            for skin in &mut self.skins {
-                walls = skin.follow_cut(&carrier, blade)?.walls;
-            }
-            if self.shown == Shown::Skin && !walls.is_empty() {
-                let mut walls = Skin::bare(&self.gpu, &carrier, Some(&walls))?;
-                let colour = self.scene.skin[0].wall.unwrap_or(WALL);
-                walls.set_colour(&SkinColour::Plain(colour))?;
-                self.skins.push(walls);
-            }
-        }
-        Ok(hit)
     }
 
     /// What was assumed or repaired, in words.
@@ -548,140 +452,5 @@ fn vector_field(name: &str, vectors: impl Iterator<Item = DVec3>) -> Field {
         components: 3,
         values: vectors.flat_map(|v| v.to_array()).collect(),
         scalar_type: ScalarType::F32,
-    }
-}
-
-impl Scene {
-    /// What draws the inside of `mesh` and its boundary, its nodes standing where `nodes` has
-    /// them.
-    fn painters(
-        &self,
-        gpu: &Gpu,
-        mesh: &TetMesh,
-        topology: &Topology,
-        seen: &Seen,
-        nodes: &Nodes,
-    ) -> Result<(Raycaster, Surface)> {
-        let (positions, frame) = (nodes.array(), nodes.frame());
-        let geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
-        let transfer = self.transfer()?;
-        let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
-            true => SurfaceColour::Field(transfer.clone()),
-            false => SurfaceColour::Plain(SKIN_COLOUR),
-        };
-        let surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
-        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, self.options()?)?;
-        Ok((raycaster, surface))
-    }
-
-    pub(crate) fn transfer(&self) -> Result<TransferFunction> {
-        match self.picture.transfer.as_deref() {
-            None => TransferFunction::preset("tissue"),
-            Some(json) if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
-            Some(file) if file.ends_with(".json") => TransferFunction::read(file),
-            Some(name) => TransferFunction::preset(name),
-        }
-    }
-
-    fn options(&self) -> Result<RaycastOptions> {
-        let mut options = match self.picture.quality {
-            Some(tolerance) => RaycastOptions::within(tolerance / 255.0)?,
-            None => RaycastOptions::default(),
-        };
-        options.walk = match self.picture.walk.as_deref() {
-            None => options.walk,
-            Some("vertices") => Walk::Vertices,
-            Some("planes") => Walk::Planes,
-            Some(other) => {
-                return Err(Error::Input(format!(
-                    "walk \"{other}\" is not known; use vertices or planes"
-                )));
-            }
-        };
-        if let Some(accuracy) = self.picture.accuracy {
-            if !(accuracy.is_finite() && accuracy > 0.0) {
-                return Err(Error::Input(format!(
-                    "[picture] accuracy = {accuracy}: the error of a picture's values, a positive number, is expected"
-                )));
-            }
-            options.accuracy = accuracy;
-        }
-        options.layers = self.picture.layers.unwrap_or(options.layers);
-        Ok(options)
-    }
-
-    fn compose_options(&self) -> ComposeOptions {
-        let options = ComposeOptions::default();
-        ComposeOptions {
-            samples: self.picture.samples.unwrap_or(options.samples),
-            ..options
-        }
-    }
-
-    fn shown(&self) -> Result<Shown> {
-        match self.picture.mode.as_deref() {
-            None | Some("composite") => Ok(Shown::Inside(Mode::Composite)),
-            Some("thickness") => Ok(Shown::Inside(Mode::Thickness)),
-            Some("surface") => Ok(Shown::Surface),
-            Some("skin") if self.skin.is_empty() => Err(Error::Input(
-                "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),
-            )),
-            Some("skin") => Ok(Shown::Skin),
-            Some(other) => Err(Error::Input(format!(
-                "mode \"{other}\" is not known; use composite, thickness, surface or skin"
-            ))),
-        }
-    }
-
-    fn background(&self) -> Result<Background> {
-        match self.picture.background.as_deref() {
-            None => Ok(Background::default()),
-            Some("transparent") => Ok(Background::Transparent),
-            Some("black") => Ok(Background::Black),
-            Some("white") => Ok(Background::White),
-            Some(other) => Err(Error::Input(format!(
-                "background \"{other}\" is not known; use transparent, black or white"
-            ))),
-        }
-    }
-
-    fn bits(&self) -> Result<BitDepth> {
-        match self.picture.bits {
-            None | Some(8) => Ok(BitDepth::Eight),
-            Some(16) => Ok(BitDepth::Sixteen),
-            Some(other) => Err(Error::Input(format!(
-                "{other} bits a channel cannot be written; use 8 or 16"
-            ))),
-        }
-    }
-
-    /// The camera: the whole mesh framed, and what the scene says laid over it.
-    fn camera(&self, mesh: &TetMesh, size: [u32; 2]) -> Result<Camera> {
-        use crate::render::Projection;
-        let entry = &self.camera;
-        let mut camera = Camera::framing_for(mesh, size);
-        if let Some(look_at) = entry.look_at {
-            // The eye keeps its place relative to what is looked at.
-            camera.eye += DVec3::from(look_at) - camera.look_at;
-            camera.look_at = look_at.into();
-        }
-        if let Some(eye) = entry.eye {
-            camera.eye = eye.into();
-        }
-        if let Some(up) = entry.up {
-            camera.up = up.into();
-        }
-        match (entry.fov, entry.orthographic) {
-            (Some(_), Some(_)) => {
-                return Err(Error::Input(
-                    "the camera has both fov and orthographic; give one of them".into(),
-                ));
-            }
-            (Some(fov), None) => camera.projection = Projection::Perspective { fov },
-            (None, Some(height)) => camera.projection = Projection::Orthographic { height },
-            (None, None) => {}
-        }
-        camera.check()?;
-        Ok(camera)
     }
 }

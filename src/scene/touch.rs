@@ -1,10 +1,17 @@
 //! A scene's grabs and cuts, as time goes on.
 
+use super::picture::Shown;
+use super::skin::carrier;
+use super::stage::{Actor, Stage};
 use super::{CutEntry, GrabEntry, Mover};
-use crate::mesh::Blade;
+use crate::mesh::{Blade, Location, Topology};
 use crate::physics::{GrabId, Grip};
+use crate::skin::{Skin, SkinColour};
 use crate::{Error, Result};
 use glam::DVec3;
+
+/// The colour of the walls that cuts lay bare, under a skin.
+const WALL: [f32; 3] = [0.55, 0.12, 0.12];
 
 /// A grab of a scene: waiting, holding, or done.
 #[derive(Debug)]
@@ -136,6 +143,86 @@ impl Knife {
     fn edge(&self, time: f64) -> [DVec3; 2] {
         let moved = along(&self.entry.path, time);
         self.entry.edge.map(|end| DVec3::from(end) + moved)
+    }
+}
+
+impl Stage {
+    /// Cuts the body along `blade` (file units) where it stands now: its springs or tets, and
+    /// its skins. Returns whether anything was hit.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body that nothing moves; otherwise as
+    /// [`Body::cut`](crate::physics::Body::cut) and
+    /// [`GridBody::cut`](crate::physics::grid::GridBody::cut).
+    pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
+        if self.motion().is_none() {
+            return Err(Error::Input(
+                "what nothing moves cannot be cut: name a solver".into(),
+            ));
+        }
+        if self.motion().is_some_and(|m| m.caged.is_some()) {
+            return Err(Error::Input(
+                "a mesh that a cage carries cannot be cut; leave [cage] out".into(),
+            ));
+        }
+        self.still = None;
+        let hit = match &mut self.actor {
+            Actor::Posed(_) => false,
+            Actor::Moving(motion) => match &mut motion.body {
+                Mover::Tets(body, _) => {
+                    let cut = body.cut(&mut self.mesh, &mut self.topology, blade)?;
+                    for [_, from] in &cut.doubled {
+                        self.seen.values.push(self.seen.values[*from as usize]);
+                    }
+                    let geometry = self.raycaster.geometry_mut();
+                    let positions = body.nodes().array();
+                    let scalars = self.seen.scalars();
+                    geometry.follow(&self.mesh, &self.topology, &cut, positions, scalars)?;
+                    self.surface
+                        .follow(self.raycaster.geometry(), &self.seen.values)?;
+                    !cut.is_empty()
+                }
+                Mover::Grid(body) => {
+                    let cut = body.cut(blade)?;
+                    if cut.tets > 0 {
+                        let before = std::mem::replace(&mut self.mesh, body.mesh().clone());
+                        self.mesh.region_names = before.region_names;
+                        self.mesh.length_unit = before.length_unit;
+                        for field in before.fields {
+                            if field.location == Location::Node {
+                                self.mesh.set_field(field)?;
+                            }
+                        }
+                        self.topology = Topology::new(&self.mesh);
+                        self.seen = self.scene.seen(&self.mesh, &self.topology)?;
+                        let (gpu, seen) = (&self.gpu, &self.seen);
+                        (self.raycaster, self.surface) = self.scene.painters(
+                            gpu,
+                            &self.mesh,
+                            &self.topology,
+                            seen,
+                            body.nodes(),
+                        )?;
+                    }
+                    cut.springs > 0
+                }
+            },
+        };
+        if hit && !self.skins.is_empty() {
+            let carrier = carrier(&self.gpu, &self.mesh, &mut self.actor)?;
+            self.skins.truncate(self.scene.skin.len());
+            let mut walls = Vec::new();
+            for skin in &mut self.skins {
+                walls = skin.follow_cut(&carrier, blade)?.walls;
+            }
+            if self.shown == Shown::Skin && !walls.is_empty() {
+                let mut walls = Skin::bare(&self.gpu, &carrier, Some(&walls))?;
+                let colour = self.scene.skin[0].wall.unwrap_or(WALL);
+                walls.set_colour(&SkinColour::Plain(colour))?;
+                self.skins.push(walls);
+            }
+        }
+        Ok(hit)
     }
 }
 

@@ -1,0 +1,161 @@
+//! What a scene says of its picture, made real: camera, what is shown, what draws it.
+
+use super::{Scene, Seen};
+use crate::gpu::Gpu;
+use crate::mesh::{TetMesh, Topology};
+use crate::physics::Nodes;
+use crate::render::*;
+use crate::skin::ComposeOptions;
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Picture size where a scene does not say.
+pub(crate) const SIZE: [u32; 2] = [1024, 768];
+/// Colour of a surface that shows no field.
+const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
+
+/// What a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shown {
+    /// The inside, through the raycaster.
+    Inside(Mode),
+    /// The lit boundary.
+    Surface,
+    /// The skins alone.
+    Skin,
+}
+
+impl Scene {
+    /// What draws the inside of `mesh` and its boundary, its nodes standing where `nodes` has
+    /// them.
+    pub(super) fn painters(
+        &self,
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        topology: &Topology,
+        seen: &Seen,
+        nodes: &Nodes,
+    ) -> Result<(Raycaster, Surface)> {
+        let (positions, frame) = (nodes.array(), nodes.frame());
+        let geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
+        let transfer = self.transfer()?;
+        let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
+            true => SurfaceColour::Field(transfer.clone()),
+            false => SurfaceColour::Plain(SKIN_COLOUR),
+        };
+        let surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
+        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, self.options()?)?;
+        Ok((raycaster, surface))
+    }
+
+    pub(crate) fn transfer(&self) -> Result<TransferFunction> {
+        match self.picture.transfer.as_deref() {
+            None => TransferFunction::preset("tissue"),
+            Some(json) if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
+            Some(file) if file.ends_with(".json") => TransferFunction::read(file),
+            Some(name) => TransferFunction::preset(name),
+        }
+    }
+
+    pub(super) fn options(&self) -> Result<RaycastOptions> {
+        let mut options = match self.picture.quality {
+            Some(tolerance) => RaycastOptions::within(tolerance / 255.0)?,
+            None => RaycastOptions::default(),
+        };
+        options.walk = match self.picture.walk.as_deref() {
+            None => options.walk,
+            Some("vertices") => Walk::Vertices,
+            Some("planes") => Walk::Planes,
+            Some(other) => {
+                return Err(Error::Input(format!(
+                    "walk \"{other}\" is not known; use vertices or planes"
+                )));
+            }
+        };
+        if let Some(accuracy) = self.picture.accuracy {
+            if !(accuracy.is_finite() && accuracy > 0.0) {
+                return Err(Error::Input(format!(
+                    "[picture] accuracy = {accuracy}: the error of a picture's values, a positive number, is expected"
+                )));
+            }
+            options.accuracy = accuracy;
+        }
+        options.layers = self.picture.layers.unwrap_or(options.layers);
+        Ok(options)
+    }
+
+    pub(super) fn compose_options(&self) -> ComposeOptions {
+        let options = ComposeOptions::default();
+        ComposeOptions {
+            samples: self.picture.samples.unwrap_or(options.samples),
+            ..options
+        }
+    }
+
+    pub(super) fn shown(&self) -> Result<Shown> {
+        match self.picture.mode.as_deref() {
+            None | Some("composite") => Ok(Shown::Inside(Mode::Composite)),
+            Some("thickness") => Ok(Shown::Inside(Mode::Thickness)),
+            Some("surface") => Ok(Shown::Surface),
+            Some("skin") if self.skin.is_empty() => Err(Error::Input(
+                "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),
+            )),
+            Some("skin") => Ok(Shown::Skin),
+            Some(other) => Err(Error::Input(format!(
+                "mode \"{other}\" is not known; use composite, thickness, surface or skin"
+            ))),
+        }
+    }
+
+    pub(super) fn background(&self) -> Result<Background> {
+        match self.picture.background.as_deref() {
+            None => Ok(Background::default()),
+            Some("transparent") => Ok(Background::Transparent),
+            Some("black") => Ok(Background::Black),
+            Some("white") => Ok(Background::White),
+            Some(other) => Err(Error::Input(format!(
+                "background \"{other}\" is not known; use transparent, black or white"
+            ))),
+        }
+    }
+
+    pub(super) fn bits(&self) -> Result<BitDepth> {
+        match self.picture.bits {
+            None | Some(8) => Ok(BitDepth::Eight),
+            Some(16) => Ok(BitDepth::Sixteen),
+            Some(other) => Err(Error::Input(format!(
+                "{other} bits a channel cannot be written; use 8 or 16"
+            ))),
+        }
+    }
+
+    /// The camera: the whole mesh framed, and what the scene says laid over it.
+    pub(super) fn camera(&self, mesh: &TetMesh, size: [u32; 2]) -> Result<Camera> {
+        use crate::render::Projection;
+        let entry = &self.camera;
+        let mut camera = Camera::framing_for(mesh, size);
+        if let Some(look_at) = entry.look_at {
+            // The eye keeps its place relative to what is looked at.
+            camera.eye += DVec3::from(look_at) - camera.look_at;
+            camera.look_at = look_at.into();
+        }
+        if let Some(eye) = entry.eye {
+            camera.eye = eye.into();
+        }
+        if let Some(up) = entry.up {
+            camera.up = up.into();
+        }
+        match (entry.fov, entry.orthographic) {
+            (Some(_), Some(_)) => {
+                return Err(Error::Input(
+                    "the camera has both fov and orthographic; give one of them".into(),
+                ));
+            }
+            (Some(fov), None) => camera.projection = Projection::Perspective { fov },
+            (None, Some(height)) => camera.projection = Projection::Orthographic { height },
+            (None, None) => {}
+        }
+        camera.check()?;
+        Ok(camera)
+    }
+}
