@@ -18,8 +18,13 @@ pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod skin;
+#[cfg(feature = "study")]
 pub mod study;
 pub mod tune;
 pub mod volume;
 
 pub use error::{Error, Result};
+/// The version of glam that this library's vectors and matrices are of.
+pub use glam;
+/// The version of wgpu that this library's devices, textures and encoders are of.
+pub use wgpu;

@@ -9,6 +9,7 @@ mod mesh;
 mod progress;
 mod render;
 mod simulate;
+#[cfg(feature = "study")]
 mod study;
 mod tune;
 
@@ -45,6 +46,7 @@ enum Command {
     Compare(compare::CompareArguments),
     /// Bend the limb phantom and leave pictures, an animation and a series
     Demo(demo::DemoArguments),
+    #[cfg(feature = "study")]
     /// Measure accuracy against speed, stability, cost against size; with charts
     Study(study::StudyArguments),
     /// Find the cheapest settings of a scene that are as accurate as asked for, on this machine
@@ -87,6 +89,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Bake(arguments) => bake::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
+        #[cfg(feature = "study")]
         Command::Study(arguments) => study::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Tune(arguments) => tune::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Adapters => adapters(adapter),

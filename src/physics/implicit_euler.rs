@@ -76,7 +76,7 @@ const NEGLIGIBLE: f32 = 1e-9;
 /// When conjugate gradients stop. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the diagonal
 /// blocks.
 ///
-/// The default tolerance, 10⁻³, costs a swinging bar (`examples/bench_steps`) 1.5 · 10⁻⁵ of its
+/// The default tolerance, 10⁻³, costs a swinging bar (`benches/steps.rs`) 1.5 · 10⁻⁵ of its
 /// way in 60 steps; 10⁻² costs 2 · 10⁻⁴ of it and two thirds of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConjugateGradients {

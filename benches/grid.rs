@@ -1,0 +1,78 @@
+//! Iterations a second of a grid body against its number of particles, on the GPU and on the CPU
+//! in float64 and float32: `cargo bench --bench grid -- [PARTICLES...]`.
+//! The twin of table 1 of Mosegaard, Herborg & Sørensen (2005).
+
+use glam::{DMat3, DVec3};
+use palpate::gpu::Gpu;
+use palpate::mesher::Domain;
+use palpate::physics::Material;
+use palpate::physics::grid::{GridBody, GridModel, GridShape};
+use std::time::Instant;
+
+/// A ball of a heart's size, in metres.
+struct Ball;
+
+impl Domain for Ball {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        (DVec3::splat(-0.05), DVec3::splat(0.05))
+    }
+
+    fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+        weights.clear();
+        weights.push((1, 0.05 - p.length()));
+    }
+}
+
+/// Calls `run` with a number of steps until half a second is full; the steps a second.
+fn rate(mut run: impl FnMut(u32) -> palpate::Result<()>) -> palpate::Result<f64> {
+    let mut steps = 8;
+    loop {
+        let start = Instant::now();
+        run(steps)?;
+        let seconds = start.elapsed().as_secs_f64();
+        if seconds > 0.5 {
+            return Ok(f64::from(steps) / seconds);
+        }
+        steps *= 2;
+    }
+}
+
+fn main() -> palpate::Result<()> {
+    let given: Vec<usize> = std::env::args().skip(1).flat_map(|a| a.parse()).collect();
+    let counts = match given.as_slice() {
+        [] => &[10_000, 20_000, 40_000, 50_000, 100_000],
+        given => given,
+    };
+    let gpu = Gpu::new()?;
+    println!("{}", gpu.adapter().name);
+    println!("| particles | GPU | float64 twin | ratio | float32 loop | ratio |");
+    println!("| --- | --- | --- | --- | --- | --- |");
+    for wanted in counts {
+        let shape = GridShape::carve_about(&Ball, *wanted, DMat3::IDENTITY)?;
+        let model = GridModel::new(shape, &Material::young(1e4))?;
+        let (count, h) = (model.shape.count(), 0.5 * model.stable_step());
+        let mut double = model.twin();
+        let mut single = double.single();
+        let mut body = GridBody::new(&gpu, model)?;
+        // In turns, the best of each: the machine may be busy.
+        let mut best = [0.0f64; 3];
+        for _ in 0..3 {
+            best[0] = best[0].max(rate(|steps| body.run(steps, h))?);
+            best[1] = best[1].max(rate(|steps| {
+                (0..steps).for_each(|_| double.step(h));
+                Ok(())
+            })?);
+            best[2] = best[2].max(rate(|steps| {
+                (0..steps).for_each(|_| single.step(h as f32));
+                Ok(())
+            })?);
+        }
+        let [ours, f64_twin, f32_loop] = best;
+        println!(
+            "| {count} | {ours:.1} | {f64_twin:.1} | {:.2} | {f32_loop:.1} | {:.2} |",
+            ours / f64_twin,
+            ours / f32_loop
+        );
+    }
+    Ok(())
+}

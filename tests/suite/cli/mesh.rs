@@ -1,0 +1,170 @@
+//! `palpate mesh`, and scenes that mesh what they name.
+
+use crate::cli::{DATA, failure, folder, palpate, stdout, text};
+use std::path::Path;
+
+/// A file of those that ship.
+fn shipped(file: &str) -> String {
+    format!("{DATA}/{file}")
+}
+
+#[test]
+fn a_segmentation_becomes_a_mesh_with_named_regions() {
+    let folder = folder("mesh_labels");
+    let (mesh, report) = (folder.join("knee.vtu"), folder.join("knee.json"));
+    let made = |mesh: &Path| {
+        palpate(&[
+            "mesh",
+            &shipped("knee.nrrd"),
+            "--labels",
+            "all",
+            "--tets",
+            "20000",
+            "--out",
+            text(mesh),
+            "--report",
+            text(&report),
+        ])
+    };
+    stdout(&made(&mesh));
+    let json: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
+    assert_eq!(json["regions"].as_array().unwrap().len(), 10);
+    assert!(json["mesher"]["min_dihedral"].as_f64().unwrap() > 4.0);
+    let read = palpate::io::read(&mesh).unwrap();
+    assert!((17_000..=23_000).contains(&read.tets.len()));
+    assert_eq!(read.length_unit, Some(1e-3));
+    assert_eq!(read.region_names[&5], "femur bone");
+    let told = stdout(&palpate(&["info", text(&mesh)]));
+    assert!(told.contains("tibia bone"), "{told}");
+    // The same input gives the same bytes.
+    let again = folder.join("again.vtu");
+    stdout(&made(&again));
+    assert_eq!(
+        std::fs::read(&mesh).unwrap(),
+        std::fs::read(&again).unwrap()
+    );
+}
+
+#[test]
+fn thresholds_nest_and_carry_intensities() {
+    let folder = folder("mesh_thresholds");
+    let mesh = folder.join("head.vtu");
+    let output = palpate(&[
+        "mesh",
+        &shipped("head_ct.mha"),
+        "--above",
+        "bone=1300",
+        "--above",
+        "soft=500",
+        "--intensity",
+        &format!("mri={}", shipped("head_mri.nii.gz")),
+        "--edge",
+        "1.2cm",
+        "--out",
+        text(&mesh),
+    ]);
+    stdout(&output);
+    let read = palpate::io::read(&mesh).unwrap();
+    let names: Vec<&str> = read.region_names.values().map(String::as_str).collect();
+    assert_eq!(names, ["soft", "bone"]);
+    for name in ["intensity", "mri"] {
+        let field = read.field(name, palpate::mesh::Location::Node).unwrap();
+        let (low, high) = field.range().unwrap();
+        assert!(low < 200.0 && high > 250.0, "{name}: {low} {high}");
+    }
+}
+
+#[test]
+fn surfaces_come_out_and_go_in() {
+    let folder = folder("mesh_surfaces");
+    let (skull, bone) = (folder.join("skull.ply"), folder.join("bone.vtu"));
+    stdout(&palpate(&[
+        "mesh",
+        &shipped("head_ct.mha"),
+        "--above",
+        "1300",
+        "--smooth",
+        "5",
+        "--out",
+        text(&skull),
+    ]));
+    let json: serde_json::Value =
+        serde_json::from_str(&stdout(&palpate(&["info", text(&skull), "--json"]))).unwrap();
+    assert_eq!(json["closed"], true);
+    let volume = json["volume"].as_f64().unwrap();
+    stdout(&palpate(&[
+        "mesh",
+        text(&skull),
+        "--unit",
+        "mm",
+        "--tets",
+        "15000",
+        "--out",
+        text(&bone),
+    ]));
+    let mesh = palpate::io::read(&bone).unwrap();
+    assert!((mesh.volume() / volume - 1.0).abs() < 0.1);
+    // The boundary of the tets is a surface again.
+    let back = folder.join("back.stl");
+    stdout(&palpate(&["mesh", text(&bone), "--out", text(&back)]));
+    let surface = palpate::io::read_surface(&back).unwrap();
+    assert!((surface.volume() / mesh.volume() - 1.0).abs() < 1e-4);
+}
+
+#[test]
+fn what_cannot_be_meshed_is_told_with_what_to_do() {
+    let folder = folder("mesh_errors");
+    let out = folder.join("x.vtu");
+    let refused = |arguments: &[&str], part: &str| {
+        let mut all = vec!["mesh"];
+        all.extend(arguments);
+        let at = ["--out", text(&out)];
+        all.extend(at);
+        let words = failure(&palpate(&all));
+        assert!(words.contains(part), "{arguments:?}: {words}");
+        assert!(!out.exists());
+    };
+    let (knee, head, lobe) = (
+        shipped("knee.nrrd"),
+        shipped("head_ct.mha"),
+        shipped("lobe.stl"),
+    );
+    refused(&[&head], "--above");
+    refused(&[&knee, "--labels", "77"], "no voxel has the label 77");
+    refused(&[&head, "--above", "9999"], "no voxel has a value");
+    refused(&[&lobe, "--above", "3"], "thresholds are for volumes");
+    refused(&[&lobe, "--edge", "2mm"], "--unit");
+    refused(&[&knee, "--with", "tetgen"], "TetGen meshes surfaces");
+    refused(&[&knee, "--with", "gmsh"], "lattice or tetgen");
+    refused(&[&shipped("bar.vtu")], "tetrahedral mesh already");
+    refused(&[&knee, &lobe], "meshed alone");
+    refused(&["nowhere.nrrd"], "nowhere.nrrd");
+    refused(&[&knee, "--edge", "900"], "smaller");
+}
+
+#[test]
+fn scenes_mesh_what_they_name() {
+    let folder = folder("mesh_scenes");
+    for scene in ["knee", "head_ct", "head_mri", "lobe"] {
+        let picture = folder.join(format!("{scene}.png"));
+        stdout(&palpate(&[
+            "render",
+            &shipped(&format!("scenes/{scene}.toml")),
+            "--tets",
+            "12000",
+            "--steps",
+            "1",
+            "--size",
+            "120x120",
+            "--out",
+            text(&picture),
+        ]));
+        let pixels = image::open(&picture).unwrap().to_rgb8();
+        let seen = pixels
+            .pixels()
+            .filter(|p| p.0.iter().any(|c| *c > 40))
+            .count();
+        assert!(seen > 1000, "{scene}: {seen} pixels show anything");
+    }
+}

@@ -1,0 +1,339 @@
+//! The command line, as a user runs it. Some tests read `../shared/data`, real meshes that are
+//! not part of this repository, and fail where that folder is absent.
+
+mod bake;
+mod mesh;
+mod pick;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
+const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
+
+fn shared(file: &str) -> String {
+    let path = Path::new(SHARED).join(file);
+    assert!(path.exists(), "this test needs {}", path.display());
+    path.to_string_lossy().into_owned()
+}
+
+fn palpate(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn failure(output: &Output) -> String {
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(!errors.contains("panicked"), "{errors}");
+    errors
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn info_speaks_json_and_text() {
+    let heart = shared("scalar/chaste_heart_decimation.vtu");
+    let json: serde_json::Value =
+        serde_json::from_str(&stdout(&palpate(&["info", &heart, "--json"]))).unwrap();
+    assert_eq!(json["nodes"], 172);
+    assert_eq!(json["tets"], 610);
+    assert_eq!(json["boundary_faces"], 312);
+    assert_eq!(json["components"], 1);
+    for key in [
+        "volume",
+        "bounds",
+        "inverted_fixed",
+        "degenerate",
+        "warnings",
+    ] {
+        assert!(!json[key].is_null(), "{key}");
+    }
+    let field = &json["fields"][0];
+    assert_eq!(field["name"], "Distance from origin");
+    assert_eq!(field["location"], "point");
+    assert_eq!(field["components"], 1);
+    assert!((field["min"].as_f64().unwrap() - 0.5728).abs() < 1e-4);
+    assert!((field["max"].as_f64().unwrap() - 2.0948).abs() < 1e-4);
+    let words = stdout(&palpate(&["info", &heart]));
+    assert!(words.contains("Distance from origin") && words.contains("1 nodes that no tet uses"));
+}
+
+#[test]
+fn what_is_no_mesh_is_said_so() {
+    let folder = folder("no_mesh");
+    let junk = folder.join("junk.vtk");
+    std::fs::write(&junk, "not a mesh at all").unwrap();
+    for file in [text(&junk), "/no/such/file.vtu", text(&folder)] {
+        let errors = failure(&palpate(&["info", file]));
+        assert!(errors.contains(file), "{errors}");
+    }
+    let errors = failure(&palpate(&["render", text(&junk), "--out", "x.png"]));
+    assert!(errors.contains("junk.vtk"), "{errors}");
+}
+
+#[test]
+fn render_draws_moves_and_reports() {
+    let folder = folder("render");
+    let (picture, report) = (folder.join("heart.png"), folder.join("heart.json"));
+    let heart = shared("scalar/chaste_heart_decimation.vtu");
+    stdout(&palpate(&[
+        "render",
+        &heart,
+        "--out",
+        text(&picture),
+        "--size",
+        "96x64",
+        "--solver",
+        "implicit",
+        "--dt",
+        "0.01",
+        "--steps",
+        "40",
+        "--unit",
+        "cm",
+        "--repeat",
+        "2",
+        "--report",
+        text(&report),
+    ]));
+    let drawn = image::open(&picture).unwrap().to_rgb8();
+    assert_eq!(drawn.dimensions(), (96, 64));
+    assert!(drawn.pixels().filter(|p| p.0 != [0, 0, 0]).count() > 500);
+    let json: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    for key in [
+        "adapter",
+        "tets",
+        "nodes",
+        "frame_ms",
+        "step_ms",
+        "passes",
+        "rays",
+        "lost_rays",
+        "tets_per_ray",
+        "peel_layers",
+        "readbacks",
+        "cg",
+        "energy",
+        "volume_ratio",
+        "max_displacement",
+        "inverted",
+    ] {
+        assert!(!json[key].is_null(), "{key}: {json}");
+    }
+    assert_eq!(json["readbacks"], 0);
+    assert_eq!(json["lost_rays"], 0);
+    assert!(json["frame_ms"].as_f64().unwrap() > 0.0);
+    assert!(json["cg"]["iterations"].as_u64().unwrap() > 0);
+    // More than 1 % of the bounds, which are 3.3 long.
+    assert!(json["max_displacement"].as_f64().unwrap() > 0.033, "{json}");
+}
+
+#[test]
+fn a_step_too_large_stops_with_advice_and_a_picture() {
+    let folder = folder("unstable");
+    let picture = folder.join("bar.png");
+    let scene = folder.join("bar.toml");
+    std::fs::write(&scene, "[mesh]\ngenerate = \"bar\"\n").unwrap();
+    let run = |dt: &str| {
+        palpate(&[
+            "render",
+            text(&scene),
+            "--out",
+            text(&picture),
+            "--size",
+            "64x64",
+            "--solver",
+            "verlet",
+            "--stiffness",
+            "3000",
+            "--damping",
+            "0",
+            "--dt",
+            dt,
+            "--steps",
+            "300",
+        ])
+    };
+    let errors = failure(&run("0.01"));
+    assert!(errors.contains("verlet failed at step"), "{errors}");
+    assert!(
+        errors.contains("--dt") && errors.contains("implicit"),
+        "{errors}"
+    );
+    assert!(picture.exists(), "the last good state is drawn");
+    stdout(&run("0.001"));
+}
+
+#[test]
+fn simulate_writes_a_series_that_plays_back_to_the_same_pictures() {
+    let folder = folder("series");
+    let (made, played) = (folder.join("made"), folder.join("played"));
+    let scene = folder.join("bar.toml");
+    std::fs::write(
+        &scene,
+        "[mesh]\ngenerate = \"bar\"\n[material]\nyoung = 2e4\n[solver]\nname = \"implicit\"\nsteps = 3\n\
+         [camera]\neye = [0.06, -0.4, 0.2]\nlook_at = [0.06, 0.03, 0.0]\nup = [0.0, 0.0, 1.0]\n\
+         [picture]\nsize = [64, 64]\nmode = \"surface\"\n",
+    )
+    .unwrap();
+    stdout(&palpate(&[
+        "simulate",
+        text(&scene),
+        "--frames",
+        "3",
+        "--out",
+        text(&made),
+    ]));
+    let camera = [
+        "--eye",
+        "0.06,-0.4,0.2",
+        "--look-at",
+        "0.06,0.03,0",
+        "--up",
+        "0,0,1",
+        "--size",
+        "64x64",
+        "--mode",
+        "surface",
+    ];
+    let series = made.join("bar.pvd");
+    let mut play = vec!["simulate", text(&series), "--out", text(&played)];
+    play.extend(camera);
+    stdout(&palpate(&play));
+    let pictures: Vec<(PathBuf, PathBuf)> = (0..=3)
+        .map(|i| format!("bar_{i:04}.png"))
+        .map(|name| (made.join(&name), played.join(&name)))
+        .collect();
+    for (a, b) in &pictures {
+        stdout(&palpate(&["compare", text(a), text(b)]));
+    }
+    // It moved: the first and the last picture are not the same, and compare says so.
+    let moved = palpate(&["compare", text(&pictures[0].0), text(&pictures[3].0)]);
+    assert_eq!(moved.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&moved.stdout).contains("different"));
+}
+
+#[test]
+fn pictures_of_different_sizes_are_not_compared() {
+    let folder = folder("sizes");
+    let (a, b) = (folder.join("a.png"), folder.join("b.png"));
+    image::RgbImage::new(8, 8).save(&a).unwrap();
+    image::RgbImage::new(8, 9).save(&b).unwrap();
+    let errors = failure(&palpate(&["compare", text(&a), text(&b)]));
+    assert!(errors.contains("8 x 9"), "{errors}");
+}
+
+/// One of them needs a file of `../shared/data`, and fails by its name without it.
+#[test]
+fn every_scene_that_ships_is_drawn() {
+    let folder = folder("scenes");
+    let mut scenes = 0;
+    for entry in std::fs::read_dir(Path::new(DATA).join("scenes")).unwrap() {
+        let scene = entry.unwrap().path();
+        let picture = folder
+            .join(scene.file_name().unwrap())
+            .with_extension("png");
+        stdout(&palpate(&[
+            "render",
+            text(&scene),
+            "--size",
+            "80x60",
+            "--steps",
+            "2",
+            "--tets",
+            "4000",
+            "--out",
+            text(&picture),
+        ]));
+        assert!(picture.exists());
+        scenes += 1;
+    }
+    assert!(scenes >= 3, "{scenes} scenes ship");
+}
+
+#[test]
+fn the_demo_leaves_its_pictures_and_series() {
+    let folder = folder("demo");
+    stdout(&palpate(&[
+        "demo",
+        "--out",
+        text(&folder),
+        "--tets",
+        "4000",
+        "--frames",
+        "3",
+        "--size",
+        "96x72",
+    ]));
+    for file in ["rest.png", "bent.png", "bend.gif", "bend.pvd"] {
+        assert!(folder.join(file).exists(), "{file}");
+    }
+}
+
+#[test]
+fn every_example_runs() {
+    let folder = folder("examples");
+    let profile = Path::new(env!("CARGO_BIN_EXE_palpate")).parent().unwrap();
+    // `cargo test` has built them already; `cargo test --test cli` alone has not.
+    let build = Command::new(env!("CARGO"))
+        .args(["build", "--examples", "--target-dir"])
+        .arg(profile.parent().unwrap())
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output();
+    stdout(&build.unwrap());
+    let built = profile.join("examples");
+    let runs: [(&str, &[&str]); 9] = [
+        ("quickstart", &[]),
+        ("own_device", &[]),
+        ("other_engine", &["twist"]),
+        ("regression_picture", &[]),
+        ("grid_body", &[]),
+        ("skin", &[]),
+        ("cut", &[]),
+        ("pick", &[]),
+        ("levels", &[]),
+    ];
+    for (example, arguments) in runs {
+        let output = Command::new(built.join(example))
+            .args(arguments)
+            .current_dir(&folder)
+            .output()
+            .unwrap_or_else(|e| panic!("{example}: {e}"));
+        stdout(&output);
+    }
+    for picture in [
+        "quickstart.png",
+        "twist/twist_4.png",
+        "golden.png",
+        "grid_body.png",
+        "skin.png",
+        "cut.png",
+        "pick.png",
+        "levels.png",
+    ] {
+        assert!(folder.join(picture).exists(), "{picture}");
+    }
+    // The second time there is a picture to compare with, and it is the same.
+    let again = Command::new(built.join("regression_picture"))
+        .current_dir(&folder)
+        .output();
+    assert!(stdout(&again.unwrap()).contains("RMSE 0.0"));
+}

@@ -1,0 +1,224 @@
+//! The pass mechanism, on a real adapter (the software one will do; without any, these fail).
+
+use palpate::gpu::{Gpu, GpuStruct, Texel, check_layout, compose, parse, shader_names};
+use palpate::{Error, gpu_struct};
+
+gpu_struct! {
+    struct Scale {
+        items: u32,
+        factor: f32,
+    }
+}
+
+#[test]
+fn every_composed_shader_is_valid() {
+    use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
+    assert!(shader_names().count() > 0);
+    for name in shader_names() {
+        let module = parse(name).unwrap_or_else(|e| panic!("{e}"));
+        Validator::new(ValidationFlags::all(), Capabilities::default())
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&compose(name).unwrap())));
+    }
+}
+
+#[test]
+fn struct_layouts_are_compared() {
+    mod wrong {
+        palpate::gpu_struct! { pub struct Scale { factor: f32, items: u32 } }
+    }
+    check_layout::<Scale>("gpu/scale").unwrap();
+    let error = check_layout::<wrong::Scale>("gpu/scale").unwrap_err();
+    assert!(error.to_string().contains("factor"), "{error}");
+    assert_eq!(Scale::MEMBERS[1], ("factor", 4));
+}
+
+#[test]
+fn a_pass_covers_every_item_and_order_is_kept() {
+    let gpu = Gpu::new().unwrap();
+    // One item past a texture row, one past 65,535 workgroups of 64.
+    for items in [1usize, 4097, 65_535 * 64 + 1] {
+        let input: Vec<[f32; 4]> = (0..items).map(|i| [i as f32, 1.0, 2.0, -3.0]).collect();
+        let a = gpu.array_of("a", Texel::F32x4, &input).unwrap();
+        let b = gpu.array("b", Texel::F32x4, items).unwrap();
+        let scale = |from, to, factor| {
+            let params = Scale {
+                items: items as u32,
+                factor,
+            };
+            gpu.pass("gpu/scale")
+                .read(from)
+                .write(to)
+                .params(&params)
+                .over(items as u32)
+                .unwrap()
+        };
+        let forth = scale(&a, &b, 2.0);
+        let back = scale(&b, &a, -1.0);
+        let mut work = gpu.record();
+        forth.record(&mut work);
+        back.record(&mut work);
+        work.submit().unwrap();
+        let before = gpu.readbacks();
+        let result: Vec<[f32; 4]> = gpu.read_array(&a).unwrap();
+        assert_eq!(gpu.readbacks(), before + 1);
+        assert_eq!(result.len(), items);
+        assert!(
+            result
+                .iter()
+                .zip(&input)
+                .all(|(r, i)| *r == i.map(|x| -2.0 * x))
+        );
+    }
+}
+
+#[test]
+fn a_sentence_that_disagrees_with_its_shader_is_refused() {
+    let gpu = Gpu::new().unwrap();
+    let a = gpu.array("a", Texel::F32x4, 8).unwrap();
+    let b = gpu.array("b", Texel::F32x4, 8).unwrap();
+    let narrow = gpu.array("narrow", Texel::F32, 8).unwrap();
+    let p = Scale {
+        items: 8,
+        factor: 1.0,
+    };
+    let refusals = [
+        gpu.pass("gpu/scale").read(&a).write(&b).over(8),
+        gpu.pass("gpu/scale").write(&a).read(&b).params(&p).over(8),
+        gpu.pass("gpu/scale").read(&a).write(&a).params(&p).over(8),
+        gpu.pass("gpu/scale")
+            .read(&a)
+            .write(&narrow)
+            .params(&p)
+            .over(8),
+        gpu.pass("gpu/nowhere").read(&a).over(8),
+    ];
+    for refusal in refusals {
+        assert!(matches!(refusal, Err(Error::Gpu(_))), "{refusal:?}");
+    }
+}
+
+#[test]
+fn an_unknown_adapter_is_named_with_those_there_are() {
+    let error = Gpu::with_adapter(Some("no such card"))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("no such card") && error.contains("0: "),
+        "{error}"
+    );
+}
+
+#[test]
+fn passes_are_timed_where_the_adapter_can() {
+    let gpu = Gpu::new().unwrap();
+    let a = gpu.array("a", Texel::F32x4, 100_000).unwrap();
+    let b = gpu.array("b", Texel::F32x4, 100_000).unwrap();
+    let p = Scale {
+        items: 100_000,
+        factor: 1.0,
+    };
+    let pass = gpu
+        .pass("gpu/scale")
+        .read(&a)
+        .write(&b)
+        .params(&p)
+        .over(100_000)
+        .unwrap();
+    gpu.time_passes(true);
+    let mut work = gpu.record();
+    pass.record(&mut work);
+    work.submit().unwrap();
+    let times = gpu.timings().unwrap();
+    if gpu.has(wgpu::Features::TIMESTAMP_QUERY) {
+        assert!(times["gpu/scale"] > 0.0);
+    } else {
+        assert!(times.is_empty());
+    }
+}
+
+#[test]
+fn the_callers_device_is_used_as_it_is() {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let adapter =
+        pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
+            .unwrap();
+    let (device, queue) =
+        pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
+    let gpu = Gpu::from_wgpu(&adapter, device, queue);
+    let a = gpu.array_of("a", Texel::F32x4, &[[1.0f32; 4]; 3]).unwrap();
+    let b = gpu.array("b", Texel::F32x4, 3).unwrap();
+    let p = Scale {
+        items: 3,
+        factor: 5.0,
+    };
+    let pass = gpu
+        .pass("gpu/scale")
+        .read(&a)
+        .write(&b)
+        .params(&p)
+        .over(3)
+        .unwrap();
+    let mut encoder = gpu.device().create_command_encoder(&Default::default());
+    pass.record(&mut palpate::gpu::Recorder::within(&gpu, &mut encoder));
+    gpu.queue().submit([encoder.finish()]);
+    assert_eq!(gpu.read_array::<[f32; 4]>(&b).unwrap(), vec![[5.0; 4]; 3]);
+}
+
+#[test]
+fn parts_of_arrays_are_written_and_arrays_grow() {
+    let gpu = Gpu::new().unwrap();
+    // Within a row, across two, and over whole rows with a beginning and an end.
+    for (len, first, count) in [(100, 3, 50), (10_000, 4_000, 200), (20_000, 4_095, 9_000)] {
+        let mut expected: Vec<[f32; 2]> = (0..len).map(|i| [i as f32, 0.5]).collect();
+        let array = gpu.array_of("a", Texel::F32x2, &expected).unwrap();
+        let part: Vec<[f32; 2]> = (0..count).map(|i| [-(i as f32), 2.0]).collect();
+        gpu.write_items(&array, first as u32, &part).unwrap();
+        expected[first..first + count].copy_from_slice(&part);
+        assert_eq!(gpu.read_array::<[f32; 2]>(&array).unwrap(), expected);
+        assert!(
+            gpu.write_items(&array, (len - count + 1) as u32, &part)
+                .is_err()
+        );
+    }
+    let content: Vec<u32> = (0..4_000).collect();
+    let mut array = gpu.array_of("b", Texel::U32, &content).unwrap();
+    assert!(!gpu.resize(&mut array, "b", 4_096).unwrap());
+    assert!(gpu.resize(&mut array, "b", 4_097).unwrap());
+    assert_eq!((array.len(), array.capacity()), (4_097, 8_192));
+    gpu.write_items(&array, 4_096, &[7u32]).unwrap();
+    let found = gpu.read_array::<u32>(&array).unwrap();
+    assert_eq!((&found[..4_000], found[4_096]), (&content[..], 7));
+}
+
+#[test]
+fn single_items_are_put_where_they_belong() {
+    let gpu = Gpu::new().unwrap();
+    let places = [3u32, 0, 4_999, 4_096];
+    let start: Vec<[u32; 4]> = (0..5_000).map(|i| [i; 4]).collect();
+    let array = gpu.array_of("a", Texel::U32x4, &start).unwrap();
+    let items = places.map(|p| [p + 1, 2, 3, u32::MAX]);
+    gpu.put(&array, &places, &items).unwrap();
+    let mut expected = start.clone();
+    for (p, item) in places.iter().zip(items) {
+        expected[*p as usize] = item;
+    }
+    assert_eq!(gpu.read_array::<[u32; 4]>(&array).unwrap(), expected);
+    let pairs = gpu.array("b", Texel::U32x2, 5_000).unwrap();
+    gpu.put(&pairs, &places, &places.map(|p| [p, 9])).unwrap();
+    assert_eq!(
+        gpu.read_array::<[u32; 2]>(&pairs).unwrap()[4_999],
+        [4_999, 9]
+    );
+    let pairs = gpu.array("c", Texel::F32x2, 5_000).unwrap();
+    gpu.put(&pairs, &places, &places.map(|p| [p as f32, 0.5]))
+        .unwrap();
+    assert_eq!(
+        gpu.read_array::<[f32; 2]>(&pairs).unwrap()[4_096],
+        [4_096.0, 0.5]
+    );
+    assert!(gpu.put(&array, &[5_000], &[[0u32; 4]]).is_err());
+    assert!(gpu.put(&array, &places, &[[0u32; 4]]).is_err());
+    let vectors = gpu.array("d", Texel::F32x4, 8).unwrap();
+    assert!(gpu.put(&vectors, &[0], &[[0.0f32; 4]]).is_err());
+}

@@ -1,0 +1,94 @@
+//! What Gmsh writes beyond the plain mesh.
+
+use crate::io::errors::{GMSH_2, GMSH_4};
+use crate::io::sample::Bench;
+use palpate::mesh::{Location, TetMesh};
+
+fn read(text: &str) -> TetMesh {
+    let bench = Bench::new();
+    bench
+        .read("a.msh", text.as_bytes())
+        .unwrap_or_else(|e| panic!("{e}"))
+}
+
+const NODE_DATA: &str =
+    "$NodeData\n1\n\"heat\"\n1\n0.5\n3\n0\n1\n4\n1 0.5\n2 1.5\n3 2.5\n4 3.5\n$EndNodeData\n";
+
+#[test]
+fn a_mesh_repeated_before_each_view_is_read_once() {
+    for text in [GMSH_2, GMSH_4] {
+        let mesh = read(&format!("{text}{NODE_DATA}{text}"));
+        assert_eq!((mesh.nodes.len(), mesh.tets.len()), (4, 1));
+        assert_eq!(mesh.repairs.repeated, 0);
+        assert_eq!(
+            mesh.field("heat", Location::Node).unwrap().values,
+            [0.5, 1.5, 2.5, 3.5]
+        );
+    }
+    let other = GMSH_2.replace("1 4 2 1 1 1 2 3 4", "1 4 2 1 1 4 3 2 1");
+    let error = Bench::new()
+        .read("a.msh", format!("{GMSH_2}{other}").as_bytes())
+        .unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("element 1 comes twice, with different nodes"),
+        "{error}"
+    );
+}
+
+#[test]
+fn parameters_of_nodes_are_passed_over() {
+    let text = GMSH_2
+        .replace("Nodes", "ParametricNodes")
+        .replace("1 0 0 0", "1 0 0 0 0 1")
+        .replace("2 1 0 0", "2 1 0 0 1 4 0.25")
+        .replace("3 0 1 0", "3 0 1 0 2 5 0.25 0.75")
+        .replace("4 0 0 1\n$", "4 0 0 1 3 1\n$");
+    let mesh = read(&text);
+    assert!((mesh.volume() - 1.0 / 6.0).abs() < 1e-15);
+}
+
+#[test]
+fn data_that_cannot_be_used_is_left_out_with_a_warning() {
+    for (from, to, told) in [
+        (
+            "\n4\n1 0.5\n",
+            "\n3\n",
+            "1 of the 4 nodes of the volume have no value",
+        ),
+        (
+            "\n0\n1\n4\n1 0.5\n2 1.5\n3 2.5\n4 3.5\n",
+            "\n0\n2\n2\n1 0.5 1.5\n2 2.5 3.5\n",
+            "2 components",
+        ),
+        (
+            "NodeData",
+            "ElementNodeData",
+            "$ElementNodeData is passed over",
+        ),
+    ] {
+        let mesh = read(&format!("{GMSH_2}{}", NODE_DATA.replace(from, to)));
+        assert!(mesh.field("heat", Location::Node).is_none());
+        let warnings = mesh.repairs.warnings.join("\n");
+        assert!(warnings.contains(told), "expected {told:?} in {warnings:?}");
+    }
+    let later = NODE_DATA
+        .replace("1 0.5", "1 9.5")
+        .replace("\n0\n1\n", "\n1\n1\n");
+    let mesh = read(&format!("{GMSH_2}{NODE_DATA}{later}"));
+    assert_eq!(mesh.field("heat", Location::Node).unwrap().values[0], 9.5);
+    assert!(mesh.repairs.warnings.join("").contains("the last is kept"));
+}
+
+#[test]
+fn names_of_physical_volumes_are_those_of_regions() {
+    let text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 \"skin\"\n3 7 \"left knee\"\n$EndPhysicalNames\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n$Elements\n1\n1 4 2 7 1 1 2 3 4\n$EndElements\n";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("named.msh");
+    std::fs::write(&path, text).unwrap();
+    let mesh = palpate::io::read(&path).unwrap();
+    assert_eq!(mesh.region_names, [(7, "left knee".to_owned())].into());
+    let label = mesh.field("label", palpate::mesh::Location::Cell).unwrap();
+    assert_eq!(label.values, [7.0]);
+}

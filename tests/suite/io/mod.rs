@@ -1,0 +1,16 @@
+//! Reading and writing meshes. Tests in `data` read the real files in `../shared/data`.
+
+mod cells;
+mod data;
+mod encode;
+mod errors;
+mod gmsh;
+mod robust;
+mod sample;
+mod surfaces;
+mod variants;
+mod volume_files;
+mod volumes;
+#[cfg(feature = "dicom")]
+mod volumes_dicom;
+mod write;

@@ -1,0 +1,83 @@
+//! Damaged files: an error, never a panic, a hang or a mesh that is not the file's.
+
+use crate::io::sample::{Bench, bits};
+use proptest::prelude::*;
+
+#[test]
+fn a_file_cut_at_any_byte_is_an_error() {
+    let bench = Bench::new();
+    for (number, fixture) in crate::io::encode::all().into_iter().enumerate() {
+        let whole = bits(&fixture.expected);
+        let (bytes, second) = (&fixture.bytes, fixture.second.as_deref());
+        // The many variants of VTU share out the places to cut among them, but for the tail.
+        let shared = fixture.name.ends_with(".vtu");
+        for cut in 0..bytes.len() {
+            if shared && cut % 24 != number % 24 && cut + 32 < bytes.len() {
+                continue;
+            }
+            if let Ok(mesh) = bench.read_as(&fixture, &bytes[..cut], second) {
+                let same = bits(&mesh) == whole && bytes[cut..].trim_ascii().is_empty();
+                assert!(
+                    same || fixture.may_end.contains(&cut),
+                    "{} cut at byte {cut} of {} reads without an error",
+                    fixture.name,
+                    bytes.len()
+                );
+            }
+        }
+        let Some(second) = second else { continue };
+        for cut in 0..second.len() {
+            if let Ok(mesh) = bench.read_as(&fixture, bytes, Some(&second[..cut])) {
+                let same = bits(&mesh) == whole && second[cut..].trim_ascii().is_empty();
+                assert!(
+                    same,
+                    "{}: .ele cut at byte {cut} reads without an error",
+                    fixture.name
+                );
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Random damage is read in some way or refused, but does not panic, and what is read is sound.
+    #[test]
+    fn damage_never_panics(
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        insert in any::<bool>(),
+    ) {
+        let bench = Bench::new();
+        for fixture in crate::io::encode::all() {
+            let mut bytes = fixture.bytes.clone();
+            for (at, value) in &damage {
+                let at = at.index(bytes.len());
+                if insert {
+                    bytes.insert(at, *value);
+                } else {
+                    bytes[at] = *value;
+                }
+            }
+            if let Ok(mesh) = bench.read_as(&fixture, &bytes, fixture.second.as_deref()) {
+                prop_assert!(mesh.tets.iter().flatten().all(|v| (*v as usize) < mesh.nodes.len()));
+                prop_assert!(mesh.nodes.iter().all(|p| p.is_finite()));
+            }
+        }
+    }
+
+    /// So is text of the right words in the wrong places.
+    #[test]
+    fn shuffled_words_never_panic(swaps in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>()), 1..4)) {
+        let bench = Bench::new();
+        for fixture in crate::io::encode::all() {
+            let Ok(text) = std::str::from_utf8(&fixture.bytes) else { continue };
+            let mut words: Vec<&str> = text.split_inclusive(char::is_whitespace).collect();
+            for (a, b) in &swaps {
+                let (a, b) = (a.index(words.len()), b.index(words.len()));
+                words.swap(a, b);
+            }
+            let _ = bench.read_as(&fixture, words.concat().as_bytes(), fixture.second.as_deref());
+        }
+    }
+}

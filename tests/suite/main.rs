@@ -1,0 +1,17 @@
+//! Every test of the library and of the command line, in one program: it is linked once, and its
+//! tests share one device. `cargo test --test suite render::` runs those of one room.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod cage;
+mod cli;
+mod gpu;
+mod io;
+mod mesh;
+mod mesher;
+mod physics;
+mod render;
+mod scenes;
+mod skin;
+mod study;
+mod support;
+mod tune;

@@ -1,0 +1,86 @@
+//! The limb phantom: one sound piece at every resolution, with all of its tissues and digits.
+
+use crate::mesh::support::check_generated;
+use glam::DVec3;
+use palpate::mesh::generate::{TISSUES, limb};
+use palpate::mesh::{Location, QualityReport, TetMesh, Topology, components};
+
+fn centroid(mesh: &TetMesh, t: usize) -> DVec3 {
+    mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0
+}
+
+/// Number of pieces that the part of `mesh` beyond `x` falls into.
+fn pieces_beyond(mesh: &TetMesh, x: f64) -> usize {
+    let tets = (0..mesh.tets.len())
+        .filter(|t| centroid(mesh, *t).x > x)
+        .map(|t| mesh.tets[t]);
+    let part = TetMesh::new(mesh.nodes.clone(), tets.collect(), vec![], vec![]).unwrap();
+    components(&Topology::new(&part)).1
+}
+
+#[test]
+fn a_limb_is_one_sound_piece_with_all_tissues_at_any_resolution() {
+    for wanted in [2_000, 3_000, 20_000, 100_000] {
+        let mesh = limb(wanted).unwrap();
+        let off = mesh.tets.len() as f64 / wanted as f64 - 1.0;
+        assert!(off.abs() < 0.1, "{wanted}: {} tets", mesh.tets.len());
+        let euler = check_generated(&mesh);
+        assert_eq!(components(&Topology::new(&mesh)).1, 1);
+        let quality = QualityReport::new(&mesh);
+        assert!(
+            quality.min_dihedral > 5.0,
+            "{wanted}: {}°",
+            quality.min_dihedral
+        );
+        let label = &mesh.field("label", Location::Cell).unwrap().values;
+        let count = |l: u8| label.iter().filter(|x| **x == f64::from(l)).count();
+        let counts = TISSUES.map(|t| count(t.label));
+        println!(
+            "{wanted}: {} tets, {:.2}°, chi {euler}, tissues {counts:?}",
+            mesh.tets.len(),
+            quality.min_dihedral
+        );
+        assert!(counts.iter().all(|n| *n > 0), "{wanted}: {counts:?}");
+        assert_eq!(counts.iter().sum::<usize>(), mesh.tets.len());
+        if wanted >= 20_000 {
+            assert_eq!(euler, 2, "no handle");
+            assert_eq!(pieces_beyond(&mesh, 0.27), 4, "four fingers");
+            assert!(pieces_beyond(&mesh, 0.225) > 1, "the thumb stands apart");
+            assert!(
+                (mesh.volume() / 0.79e-3 - 1.0).abs() < 0.02,
+                "{}",
+                mesh.volume()
+            );
+        }
+    }
+}
+
+#[test]
+fn intensities_lie_near_those_of_the_labels_around_them() {
+    let mesh = limb(60_000).unwrap();
+    let label = &mesh.field("label", Location::Cell).unwrap().values;
+    let intensity = &mesh.field("intensity", Location::Node).unwrap().values;
+    let median = |name: &str| {
+        let wanted = TISSUES.iter().find(|t| t.name == name).unwrap().label;
+        let of = (0..mesh.tets.len()).filter(|t| label[*t] == f64::from(wanted));
+        let mut corners: Vec<f64> = of
+            .flat_map(|t| mesh.tets[t].map(|v| intensity[v as usize]))
+            .collect();
+        corners.sort_by(f64::total_cmp);
+        corners[corners.len() / 2]
+    };
+    let medians = ["fat", "muscle", "cartilage", "cortical bone"].map(median);
+    assert!(medians.is_sorted(), "{medians:?}");
+    assert!(medians[0] < 0.0 && medians[3] > 500.0, "{medians:?}");
+}
+
+#[test]
+fn a_limb_is_the_same_on_every_run() {
+    let (a, b) = (limb(8_000).unwrap(), limb(8_000).unwrap());
+    assert_eq!((a.nodes, a.tets, a.fields), (b.nodes, b.tets, b.fields));
+}
+
+#[test]
+fn senseless_resolutions_are_refused() {
+    assert!(limb(0).is_err() && limb(1_999).is_err() && limb(usize::MAX).is_err());
+}

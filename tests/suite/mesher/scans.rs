@@ -1,0 +1,78 @@
+//! Scans and surfaces of people, from ../shared/data.
+
+use crate::mesher::support::{angles, faults, filled, region_volume};
+use palpate::mesher::{
+    ClosedSurface, LabelDomain, MeshOptions, Spacing, SurfaceDomain, ThresholdDomain,
+};
+
+/// The path of a file in ../shared/data; fails clearly when it is absent.
+fn shared(name: &str) -> String {
+    let path = format!("{}/../shared/data/{name}", env!("CARGO_MANIFEST_DIR"));
+    assert!(
+        std::path::Path::new(&path).exists(),
+        "{path} is missing: these tests need the folder shared/data beside the checkout"
+    );
+    path
+}
+
+fn about(tets: usize) -> MeshOptions {
+    MeshOptions {
+        spacing: Spacing::Tets(tets),
+        ..MeshOptions::default()
+    }
+}
+
+#[test]
+fn a_segmented_knee_is_filled() {
+    let volume =
+        palpate::io::read_volume(shared("volumes/knee_labels_dess_384x384x160.nrrd")).unwrap();
+    let domain = LabelDomain::new(&volume, None).unwrap();
+    let f = filled(&domain, &about(150_000));
+    println!("{:?}", f.report);
+    assert_eq!(faults(&f), Vec::<String>::new());
+    let off = f.tets.len() as f64 / 150_000.0 - 1.0;
+    assert!(off.abs() < 0.15, "{} tets", f.tets.len());
+    assert!(angles(&f).0 > 4.0 && f.report.first_percentile > 15.0);
+    assert_eq!(f.report.regions.len(), 10);
+    // Edges are eight voxels long here. The bones, 5 and 6, are large.
+    for region in [5, 6] {
+        let true_volume = domain.voxel_volumes()[usize::from(region) - 1];
+        let off = region_volume(&f, region) / true_volume - 1.0;
+        assert!(off.abs() < 0.03, "region {region}: {off}");
+    }
+}
+
+#[test]
+fn a_head_is_filled_between_thresholds() {
+    let volume = palpate::io::read_volume(shared("volumes/headsq_ct_64x64x93.mhd")).unwrap();
+    let windows = ["500..1150", "1150"].map(|w| w.parse().unwrap());
+    let domain = ThresholdDomain::new(&volume, &windows).unwrap();
+    let options = MeshOptions {
+        min_island: 500.0,
+        ..about(100_000)
+    };
+    let f = filled(&domain, &options);
+    println!("{:?}", f.report);
+    assert_eq!(faults(&f), Vec::<String>::new());
+    assert!(angles(&f).0 > 4.0);
+    assert!(!f.report.islands.is_empty(), "a head has specks");
+    let largest = f
+        .report
+        .regions
+        .iter()
+        .map(|r| r.volume)
+        .fold(0.0, f64::max);
+    assert!(largest > 1e6, "{:?}", f.report.regions);
+}
+
+#[test]
+fn a_lung_is_filled_from_its_surface() {
+    let surface = palpate::io::read_surface(shared("surfaces/chaste_lung_lul.stl")).unwrap();
+    let domain = SurfaceDomain::new(vec![ClosedSurface::new(&surface).unwrap()]).unwrap();
+    let f = filled(&domain, &about(30_000));
+    println!("{:?}", f.report);
+    assert_eq!(faults(&f), Vec::<String>::new());
+    assert!(angles(&f).0 > 10.7);
+    let off = region_volume(&f, 1) / 2.134e6 - 1.0;
+    assert!(off.abs() < 0.03, "{off}");
+}

@@ -1,0 +1,14 @@
+//! Physics on a real adapter (the software one will do; without any, these fail), held against
+//! the float64 twins.
+
+mod bar;
+mod bodies;
+mod common;
+mod cuts;
+mod derivatives;
+mod extremes;
+mod failures;
+mod grabs;
+mod grids;
+mod invariance;
+mod steps;

@@ -1,0 +1,132 @@
+//! Normals and gradients refreshed on the GPU, against float64.
+
+use crate::render::common::*;
+use glam::{DVec3, Vec4};
+use palpate::gpu::{Gpu, Texel};
+use palpate::mesh::{FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, generate, morton_order};
+use palpate::reference::{tet_gradient, tet_planes};
+use palpate::render::{Geometry, local_positions};
+
+/// The records of a mesh after a refresh: eight texels a tet.
+fn records(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> Vec<[Vec4; 8]> {
+    let frame = LocalFrame::of_mesh(mesh);
+    let array = local_positions(gpu, &frame, positions).unwrap();
+    let mut geometry =
+        Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &array, scalars).unwrap();
+    let mut work = gpu.record();
+    geometry.record_refresh(&mut work);
+    work.submit().unwrap();
+    assert_eq!(geometry.records().texel(), Texel::U32x4);
+    let texels: Vec<[u32; 4]> = gpu.read_array(geometry.records()).unwrap();
+    let float = |t: &[u32; 4]| Vec4::from(t.map(f32::from_bits));
+    texels
+        .chunks_exact(8)
+        .map(|record| std::array::from_fn(|k| float(&record[k])))
+        .collect()
+}
+
+fn in_frame(frame: &LocalFrame, p: DVec3) -> DVec3 {
+    frame.to_local(p).as_dvec3()
+}
+
+/// Largest error of normals, offsets and (relative to its own size) gradients.
+fn worst(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], twin: &[DVec3]) -> [f64; 3] {
+    let scalars = waves(mesh);
+    let low = scalars.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = scalars.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let frame = LocalFrame::of_mesh(mesh);
+    let mut worst = [0.0f64; 3];
+    let records = records(gpu, mesh, positions, &scalars);
+    for (record, t) in records.iter().zip(morton_order(mesh)) {
+        let tet = mesh.tets[t as usize];
+        let v = tet.map(|i| in_frame(&frame, twin[i as usize]));
+        let s = tet.map(|i| (scalars[i as usize] - low) / (high - low));
+        for (plane, (normal, offset)) in record.iter().zip(tet_planes(v)) {
+            let error = plane.truncate().as_dvec3() - normal;
+            worst[0] = worst[0].max(error.length());
+            worst[1] = worst[1].max((f64::from(plane.w) - offset).abs());
+        }
+        let gradient = tet_gradient(v, s);
+        let error = record[4].truncate().as_dvec3() - gradient;
+        worst[2] = worst[2].max(error.length() / (1.0 + gradient.length()));
+        assert!((f64::from(record[4].w) - s[0]).abs() < 1e-6);
+    }
+    worst
+}
+
+#[test]
+fn planes_and_gradients_match_their_twin() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(7, true).unwrap();
+    let bent = bent(&mesh);
+    let [normal, offset, gradient] = worst(&gpu, &mesh, &bent, &bent);
+    println!("normal {normal:.2e} offset {offset:.2e} gradient {gradient:.2e}");
+    assert!(normal < 1e-5 && offset < 1e-5 && gradient < 1e-4);
+    // Negative control: the twin of another shape is told apart.
+    let [normal, ..] = worst(&gpu, &mesh, &bent, &mesh.nodes);
+    assert!(normal > 1e-2);
+}
+
+#[test]
+fn both_tets_of_a_face_hold_the_same_plane_bit_by_bit() {
+    let gpu = gpu();
+    let mesh = shared("tet/gaia_liver.mesh");
+    let positions = bent(&mesh);
+    let records = records(&gpu, &mesh, &positions, &waves(&mesh));
+    let order = morton_order(&mesh);
+    let mut place = vec![0; order.len()];
+    order
+        .iter()
+        .enumerate()
+        .for_each(|(new, old)| place[*old as usize] = new);
+    let mut shared_faces = 0;
+    for (t, across) in Topology::new(&mesh).neighbours.iter().enumerate() {
+        for (f, code) in across.iter().enumerate().filter(|c| *c.1 != NO_NEIGHBOUR) {
+            let mine = records[place[t]][f];
+            let other = records[place[*code as usize / 4]][*code as usize % 4];
+            assert_eq!(mine, -other, "tet {t}, face {f} {:?}", FACES[f]);
+            shared_faces += 1;
+        }
+    }
+    assert!(shared_faces > mesh.tets.len());
+}
+
+#[test]
+fn slivers_and_flat_tets_have_finite_planes_and_gradients() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(2, false).unwrap();
+    let mut flat = mesh.nodes.clone();
+    // The middle node into a face of its tets, others onto each other.
+    flat[13] = 0.5 * (flat[0] + flat[2]);
+    flat[5] = flat[4];
+    let scalars = waves(&mesh);
+    for record in records(&gpu, &mesh, &flat, &scalars) {
+        assert!(
+            record[..6].iter().all(|v| v.truncate().is_finite()),
+            "{record:?}"
+        );
+    }
+}
+
+#[test]
+fn inverted_tets_are_counted() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(4, false).unwrap();
+    let count = |positions: &[DVec3]| {
+        let frame = LocalFrame::of_mesh(&mesh);
+        let array = local_positions(&gpu, &frame, positions).unwrap();
+        let topology = Topology::new(&mesh);
+        let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &array, &waves(&mesh)).unwrap();
+        geometry.inverted().unwrap()
+    };
+    assert_eq!(count(&mesh.nodes), 0);
+    let mut torn = mesh.nodes.clone();
+    torn[62] += DVec3::new(0.4, 0.1, 0.05);
+    let expected = mesh
+        .tets
+        .iter()
+        .filter(|t| palpate::mesh::signed_volume(t.map(|v| torn[v as usize])) <= 0.0)
+        .count();
+    assert!(expected > 0);
+    assert_eq!(count(&torn) as usize, expected);
+}

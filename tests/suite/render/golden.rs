@@ -1,0 +1,122 @@
+//! Small pictures kept under `tests/golden`, so that nothing changes unnoticed. Set
+//! `PALPATE_BLESS=1` to write them anew, and look at them before committing.
+
+use crate::render::common::*;
+use palpate::mesh::{Location, generate};
+use palpate::render::*;
+use std::path::PathBuf;
+
+fn golden(name: &str) -> PathBuf {
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden")).join(name)
+}
+
+/// Holds a picture against the golden one, with what `palpate compare` compares with.
+fn hold(image: &Image, name: &str) {
+    let path = golden(name);
+    if std::env::var_os("PALPATE_BLESS").is_some() {
+        image.save(&path).unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let drawn = folder.path().join(name);
+    image.save(&drawn).unwrap();
+    let difference = apart(&drawn, &path);
+    assert!(
+        difference.within(1.0 / 255.0, 6.0 / 255.0),
+        "{name}: {difference}"
+    );
+}
+
+fn apart(a: &std::path::Path, b: &std::path::Path) -> Difference {
+    let open = |p: &std::path::Path| Image::open(p).unwrap_or_else(|e| panic!("{e}"));
+    Difference::between(&open(a), &open(b)).unwrap()
+}
+
+#[test]
+fn pictures_are_as_they_were() {
+    let gpu = gpu();
+    let limb = generate::by_name("limb", Some(12_000)).unwrap();
+    let scalars = limb_scalars(&limb);
+    for preset in ["bone", "tissue", "skin"] {
+        let transfer = TransferFunction::preset(preset).unwrap();
+        let geometry = Geometry::at_rest(&gpu, &limb, &scalars).unwrap();
+        let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
+        let image = caster
+            .image(&Camera::framing(&limb), [128, 128], Mode::Composite)
+            .unwrap();
+        hold(&image, &format!("limb-{preset}.png"));
+    }
+    let cube = generate::benchmark_cube(8, true).unwrap();
+    let scalars = cube.field("scalar", Location::Node).unwrap().values.clone();
+    let transfer = TransferFunction::preset("viridis").unwrap();
+    let geometry = Geometry::at_rest(&gpu, &cube, &scalars).unwrap();
+    let colour = SurfaceColour::Field(transfer.clone());
+    let mut surface = Surface::new(&gpu, &geometry, &scalars, &colour, Shading::Smooth).unwrap();
+    hold(
+        &surface.image(&peers_camera(), [128, 128]).unwrap(),
+        "cube-surface.png",
+    );
+    let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
+    let camera = Camera::orthographic(
+        peers_camera().eye,
+        peers_camera().look_at,
+        glam::DVec3::Y,
+        1.8,
+    );
+    hold(
+        &caster.image(&camera, [128, 128], Mode::Composite).unwrap(),
+        "cube-viridis.png",
+    );
+    hold(
+        &caster.image(&camera, [128, 128], Mode::Thickness).unwrap(),
+        "cube-thickness.png",
+    );
+}
+
+#[test]
+fn another_picture_is_told_apart() {
+    let difference = apart(&golden("limb-bone.png"), &golden("limb-skin.png"));
+    assert!(
+        !difference.within(5.0 / 255.0, 20.0 / 255.0),
+        "{difference}"
+    );
+    let same = apart(&golden("limb-bone.png"), &golden("limb-bone.png"));
+    assert!(same.within(0.0, 0.0), "{same}");
+}
+
+#[test]
+fn exr_keeps_the_floats_and_png_rounds_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = Image {
+        size: [2, 1],
+        channels: 4,
+        values: vec![0.1, 0.25, 3.5, 1.0, 0.2, 0.0, 0.1, 0.5],
+    };
+    let exr = folder.path().join("a.exr");
+    image.save(&exr).unwrap();
+    let back = image::open(&exr).unwrap().to_rgba32f();
+    assert_eq!(back.into_raw(), image.values);
+    let png = folder.path().join("a.png");
+    image
+        .save_as(&png, Background::White, BitDepth::Eight)
+        .unwrap();
+    assert_eq!(
+        image::open(&png).unwrap().to_rgb8().into_raw(),
+        [26, 64, 255, 179, 128, 153]
+    );
+    image
+        .save_as(&png, Background::Transparent, BitDepth::Sixteen)
+        .unwrap();
+    let deep = image::open(&png).unwrap().to_rgba16().into_raw();
+    assert_eq!(deep[4..], [26214, 0, 13107, 32768]);
+    let length = Image {
+        size: [2, 1],
+        channels: 1,
+        values: vec![1.5, 3.0],
+    };
+    length.save(&exr).unwrap();
+    assert_eq!(
+        image::open(&exr).unwrap().to_rgb32f().into_raw(),
+        [1.5, 1.5, 1.5, 3.0, 3.0, 3.0]
+    );
+    assert!(image.save(folder.path().join("a.jpg")).is_err());
+}

@@ -1,0 +1,14 @@
+//! The raycaster against float64 truth, on the software adapter. Reads `../shared/data`.
+
+#[allow(dead_code)]
+mod common;
+mod gaps;
+mod geometry;
+mod golden;
+mod inside;
+mod peeling;
+mod picks;
+mod pictures;
+mod surface;
+mod table;
+mod thickness;

@@ -1,0 +1,117 @@
+//! Layers behind layers: none lost, none doubled.
+
+use crate::render::common::*;
+use glam::DVec3;
+use palpate::mesh::{TetMesh, generate, generate::Split};
+use palpate::render::*;
+
+/// Boxes given by corner, size and cells, in one mesh that shares no nodes.
+fn boxes(list: &[([f64; 3], [f64; 3], usize)]) -> TetMesh {
+    let (mut nodes, mut tets) = (Vec::new(), Vec::new());
+    for (corner, size, cells) in list {
+        let part = generate::box_mesh([*cells; 3], DVec3::from(*size), Split::Six).unwrap();
+        let first = nodes.len() as u32;
+        nodes.extend(part.nodes.iter().map(|p| *p + DVec3::from(*corner)));
+        tets.extend(part.tets.iter().map(|t| t.map(|v| v + first)));
+    }
+    TetMesh::new(nodes, tets, Vec::new(), Vec::new()).unwrap()
+}
+
+fn check(mesh: &TetMesh, layers: u32) {
+    let gpu = gpu();
+    let options = RaycastOptions {
+        layers,
+        ..Default::default()
+    };
+    let mut scene = Scene::new(
+        &gpu,
+        mesh,
+        &mesh.nodes,
+        &waves(mesh),
+        &peers_transfer(),
+        options,
+    );
+    let eye = DVec3::new(2.6, 1.6, 4.0);
+    for camera in [
+        Camera::perspective(eye, DVec3::ZERO, DVec3::Y, 32.0),
+        Camera::orthographic(eye, DVec3::ZERO, DVec3::Y, 3.2),
+        Camera::orthographic(DVec3::X * 4.0, DVec3::ZERO, DVec3::Y, 2.71),
+    ] {
+        let size = [128, 128];
+        let image = scene.caster.image(&camera, size, Mode::Thickness).unwrap();
+        let truth = scene
+            .truth
+            .picture(&camera, size, |reference, ray| reference.thickness(ray));
+        let wrong = image
+            .values
+            .iter()
+            .zip(&truth)
+            .filter(|(a, b)| (f64::from(**a) - **b).abs() > 2e-2)
+            .count();
+        // At most a few pixels lie within a 256th of a silhouette.
+        assert!(wrong < 8, "{wrong} wrong pixels, {camera:?}");
+    }
+}
+
+#[test]
+fn touching_duplicated_and_coplanar_boxes() {
+    check(
+        &boxes(&[
+            ([-1.0, -1.0, -1.0], [1.0, 2.0, 2.0], 5),
+            ([0.0, -1.0, -1.0], [1.0, 2.0, 2.0], 3),
+            ([-1.0, -1.0, -1.0], [1.0, 2.0, 2.0], 5),
+            ([-0.5, -0.5, -1.0], [1.2, 1.0, 2.0], 2),
+        ]),
+        8,
+    );
+}
+
+#[test]
+fn many_layers_and_too_few() {
+    let plates: Vec<_> = (0..9)
+        .map(|i| ([-1.0, -1.0, -1.0 + 0.22 * f64::from(i)], [2.0, 2.0, 0.1], 1))
+        .collect();
+    let mesh = boxes(&plates);
+    check(&mesh, 9);
+    let gpu = gpu();
+    let options = RaycastOptions {
+        layers: 8,
+        ..Default::default()
+    };
+    let mut scene = Scene::new(
+        &gpu,
+        &mesh,
+        &mesh.nodes,
+        &waves(&mesh),
+        &peers_transfer(),
+        options,
+    );
+    let camera = Camera::orthographic(DVec3::Z * 4.0, DVec3::ZERO, DVec3::Y, 3.0);
+    let error = scene
+        .caster
+        .image(&camera, [64, 64], Mode::Thickness)
+        .unwrap_err();
+    assert!(error.to_string().contains("--layers"), "{error}");
+}
+
+#[test]
+fn rays_that_are_opaque_ask_for_no_further_layers() {
+    let plates: Vec<_> = (0..6)
+        .map(|i| ([-1.0, -1.0, -1.0 + 0.3 * f64::from(i)], [2.0, 2.0, 0.2], 1))
+        .collect();
+    let mesh = boxes(&plates);
+    let gpu = gpu();
+    let solid = TransferFunction::new(vec![[0.0, 1.0, 0.5, 0.25]], vec![[0.0, 1e4]]).unwrap();
+    // One layer is enough where the first plate hides the rest.
+    let options = RaycastOptions {
+        layers: 1,
+        ..Default::default()
+    };
+    let mut scene = Scene::new(&gpu, &mesh, &mesh.nodes, &waves(&mesh), &solid, options);
+    let camera = Camera::orthographic(DVec3::Z * 4.0, DVec3::ZERO, DVec3::Y, 3.0);
+    let image = scene
+        .caster
+        .image(&camera, [64, 64], Mode::Composite)
+        .unwrap();
+    assert!((image.pixel(32, 32)[0] - 1.0).abs() < 2e-3);
+}

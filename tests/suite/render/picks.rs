@@ -1,0 +1,302 @@
+//! Pixels picked on the GPU, against every face tried in float64; and grabs that start there.
+
+use crate::render::common::*;
+use glam::{DMat3, DVec2, DVec3};
+use palpate::gpu::Gpu;
+use palpate::mesh::{Blade, FACES, LocalFrame, TetMesh, Topology, generate};
+use palpate::mesher::{ClosedSurface, SurfaceDomain};
+use palpate::physics::grid::{GridBody, GridModel, GridShape};
+use palpate::physics::{Body, Grip, ImplicitEuler, Material, Solver};
+use palpate::reference::first_hit;
+use palpate::render::{Camera, Geometry, Pick, local_positions};
+
+const SIZE: [u32; 2] = [160, 120];
+
+/// The boundary as triangles, with tet and face of each.
+fn boundary(mesh: &TetMesh, topology: &Topology) -> (Vec<[u32; 3]>, Vec<(u32, u32)>) {
+    let faces = topology.boundary.iter();
+    let corners = |f| topology.boundary_nodes(mesh, f);
+    faces.map(|f| (corners(*f), (f.tet, f.face))).unzip()
+}
+
+/// How picks and truth compare.
+#[derive(Default, Debug)]
+struct Tally {
+    hits: usize,
+    misses: usize,
+    /// Hit by one and missed by the other, or another face.
+    differ: usize,
+    /// Of these, those not explained by an edge of a face within `NEAR` of the ray.
+    wrong: usize,
+    /// Farthest that a picked point lies beside the ray, where the faces are the same, in sizes
+    /// of the body.
+    apart: f64,
+}
+
+/// Rays go 0.61/256 of a pixel beside the middle, at most 2e-6 of the body's size where that is;
+/// farther away more, and what is 32 bits is rounded. A pixel is about 1e-2.
+const NEAR: f64 = 3e-5;
+
+impl Tally {
+    fn count(
+        &mut self,
+        found: Option<Pick>,
+        camera: &Camera,
+        pixel: DVec2,
+        nodes: &[DVec3],
+        faces: &(Vec<[u32; 3]>, Vec<(u32, u32)>),
+    ) {
+        let (low, high) = palpate::mesh::bounds(nodes);
+        let size = (high - low).max_element();
+        let ray = camera.ray(pixel, SIZE);
+        let truth = first_hit(nodes, &faces.0, ray);
+        match (found, truth) {
+            (None, None) => self.misses += 1,
+            (Some(pick), Some(hit)) if faces.1[hit.triangle] == (pick.tet, pick.face) => {
+                self.hits += 1;
+                let to = pick.point - ray.origin;
+                let beside = to.cross(ray.direction).length();
+                self.apart = self.apart.max(beside / size);
+                assert_eq!(pick.nodes, faces.0[hit.triangle]);
+                let corners = pick.nodes.map(|v| nodes[v as usize]);
+                let sum: DVec3 = (0..3).map(|k| pick.weights[k] * corners[k]).sum();
+                assert!(sum.distance(pick.point) < 1e-6 * size);
+                let nearest = corners.map(|p| p.distance(pick.point));
+                let own = nodes[pick.node as usize].distance(pick.point);
+                assert!(pick.nodes.contains(&pick.node));
+                assert!(nearest.iter().all(|d| own <= d + 1e-6 * size));
+            }
+            _ => {
+                self.differ += 1;
+                // A ray a little to any side finds what was picked.
+                let aside = ray.direction.any_orthonormal_vector();
+                let other = ray.direction.cross(aside);
+                let code = found.map(|p| (p.tet, p.face));
+                let near = (0..8).any(|k| {
+                    let turn = std::f64::consts::TAU * f64::from(k) / 8.0;
+                    let off = NEAR * size * (turn.cos() * aside + turn.sin() * other);
+                    let ray = palpate::render::Ray {
+                        origin: ray.origin + off,
+                        ..ray
+                    };
+                    first_hit(nodes, &faces.0, ray).map(|h| faces.1[h.triangle]) == code
+                });
+                self.wrong += usize::from(!near);
+            }
+        }
+    }
+}
+
+/// A bar bent into a horseshoe: many rays meet it twice.
+fn horseshoe() -> (TetMesh, Vec<DVec3>) {
+    let mesh = generate::bar([32, 4, 4], DVec3::new(8.0, 1.0, 1.0)).unwrap();
+    let bend = |p: &DVec3| {
+        let (turn, radius) = (0.55 * (p.x - 4.0), 1.6 + p.y);
+        DVec3::new(radius * turn.sin(), radius * turn.cos(), p.z + 0.2 * p.x)
+    };
+    let bent = mesh.nodes.iter().map(bend).collect();
+    (mesh, bent)
+}
+
+fn cameras(middle: DVec3) -> [Camera; 4] {
+    let aside = DVec3::new(7.0, -3.0, 4.0);
+    let up = DVec3::Z;
+    [
+        Camera::perspective(middle + aside, middle, up, 34.0),
+        Camera::orthographic(middle + aside, middle, up, 5.0),
+        Camera::perspective(middle + 3000.0 * aside, middle, up, 0.011),
+        // Between the arms, and so near that parts lie behind it.
+        Camera::perspective(middle + DVec3::new(0.4, -1.4, 0.1), middle, up, 80.0),
+    ]
+}
+
+#[test]
+fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
+    let gpu = gpu();
+    let (mesh, bent) = horseshoe();
+    let topology = Topology::new(&mesh);
+    let frame = LocalFrame::of_mesh(&mesh);
+    let positions = local_positions(&gpu, &frame, &bent).unwrap();
+    let scalars = waves(&mesh);
+    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
+    let faces = boundary(&mesh, &topology);
+    let (low, high) = palpate::mesh::bounds(&bent);
+    let mut random = Random::new(5);
+    for camera in cameras(0.5 * (low + high)) {
+        let (mut tally, mut at_rest) = (Tally::default(), Tally::default());
+        for _ in 0..250 {
+            let pixel = DVec2::new(random.between(0.0, 160.0), random.between(0.0, 120.0));
+            let before = gpu.readbacks();
+            let found = geometry.pick(&camera, pixel, SIZE).unwrap();
+            assert_eq!(gpu.readbacks(), before + 1);
+            if let Some(pick) = found {
+                let ray = camera.ray(pixel, SIZE);
+                let along = (pick.point - ray.origin).dot(ray.direction);
+                assert!((pick.distance - along).abs() < 1e-12 * along);
+            }
+            tally.count(found, &camera, pixel, &bent, &faces);
+            at_rest.count(None, &camera, pixel, &mesh.nodes, &faces);
+        }
+        println!("{tally:?}");
+        assert!(tally.hits > 50, "{tally:?}");
+        assert!(tally.wrong == 0 && tally.differ <= 3, "{tally:?}");
+        assert!(tally.apart < NEAR, "{tally:?}");
+        // The comparison tells a body that is not bent, of which nothing was picked.
+        assert!(at_rest.wrong > 10, "{at_rest:?}");
+    }
+}
+
+#[test]
+fn one_pixel_beside_is_another_point() {
+    let gpu = gpu();
+    let (mesh, bent) = horseshoe();
+    let topology = Topology::new(&mesh);
+    let frame = LocalFrame::of_mesh(&mesh);
+    let positions = local_positions(&gpu, &frame, &bent).unwrap();
+    let scalars = waves(&mesh);
+    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
+    let faces = boundary(&mesh, &topology);
+    let camera = cameras(DVec3::new(0.0, 1.0, 1.3))[0];
+    let mut tally = Tally::default();
+    for i in 0..100 {
+        let pixel = DVec2::new(40.5 + 0.8 * f64::from(i), 60.5);
+        let found = geometry.pick(&camera, pixel + DVec2::X, SIZE).unwrap();
+        tally.count(found, &camera, pixel, &bent, &faces);
+    }
+    assert!(tally.wrong > 0 && tally.apart > 1e-3, "{tally:?}");
+    for bad in [DVec2::new(-1.0, 3.0), DVec2::new(3.0, 121.0), DVec2::NAN] {
+        assert!(geometry.pick(&camera, bad, SIZE).is_err());
+    }
+}
+
+#[test]
+fn inside_a_body_its_wall_is_picked_from_behind() {
+    let gpu = gpu();
+    let mesh = generate::bar([6, 6, 6], DVec3::splat(1.0)).unwrap();
+    let scalars = waves(&mesh);
+    let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
+    let eye = DVec3::splat(0.52);
+    let camera = Camera::perspective(eye, DVec3::new(1.0, 0.6, 0.6), DVec3::Z, 60.0);
+    let middle = DVec2::new(80.0, 60.0);
+    let found = geometry.pick(&camera, middle, SIZE).unwrap().unwrap();
+    assert!((found.point.x - 1.0).abs() < 1e-6, "{found:?}");
+    let face = FACES[found.face as usize].map(|k| mesh.tets[found.tet as usize][k]);
+    assert_eq!(face, found.nodes);
+}
+
+/// The point of `pick` on the body at `nodes`.
+fn on(pick: &Pick, nodes: &[DVec3]) -> DVec3 {
+    (0..3)
+        .map(|k| pick.weights[k] * nodes[pick.nodes[k] as usize])
+        .sum()
+}
+
+#[test]
+fn the_wall_of_a_cut_is_picked_and_grabbed() {
+    let gpu = gpu();
+    let mut mesh = generate::bar([12, 6, 6], DVec3::new(0.12, 0.06, 0.06)).unwrap();
+    let mut topology = Topology::new(&mesh);
+    let mut body = Body::new(&gpu, &mesh, &Material::young(2e4)).unwrap();
+    body.pin(|p| p.x < 0.001);
+    body.add_force(DVec3::new(0.5, 0.0, 0.0), |p| p.x > 0.119)
+        .unwrap();
+    let frame = body.nodes().frame();
+    let scalars = waves(&mesh);
+    let positions = body.nodes().array();
+    let mut geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &scalars).unwrap();
+    let edge = |z: f64| [DVec3::new(0.05, -0.1, z), DVec3::new(0.07, 0.2, z)];
+    let blade = Blade::swept(&[edge(0.1), edge(-0.1)]).unwrap();
+    let cut = body.cut(&mut mesh, &mut topology, &blade).unwrap();
+    let scalars = waves(&mesh);
+    let positions = body.nodes().array();
+    geometry
+        .follow(&mesh, &topology, &cut, positions, &scalars)
+        .unwrap();
+    let mut solver = ImplicitEuler::new(&gpu, &body).unwrap();
+    solver.run(&mut body, 20, 0.005).unwrap();
+
+    // Into the gap, onto the wall of the piece that stays.
+    let nodes = body.positions().unwrap();
+    let middle = DVec3::new(0.06, 0.03, 0.03);
+    let camera = Camera::perspective(middle + DVec3::new(0.2, -0.2, 0.2), middle, DVec3::Z, 24.0);
+    let faces = boundary(&mesh, &topology);
+    let (mut tally, mut walls) = (Tally::default(), Vec::new());
+    for y in 0..24 {
+        for x in 0..32 {
+            let pixel = DVec2::new(5.0 * f64::from(x) + 2.5, 5.0 * f64::from(y) + 2.5);
+            let found = geometry.pick(&camera, pixel, SIZE).unwrap();
+            tally.count(found, &camera, pixel, &nodes, &faces);
+            let is_wall = |p: &Pick| {
+                p.nodes
+                    .iter()
+                    .all(|v| cut.doubled.iter().any(|d| d.contains(v)))
+            };
+            walls.extend(found.filter(is_wall));
+        }
+    }
+    println!("{tally:?}, {} on the wall", walls.len());
+    assert!(tally.wrong == 0 && tally.hits > 100, "{tally:?}");
+    assert!(walls.len() > 10);
+
+    let wall = walls[walls.len() / 2];
+    let hand = body.grab(wall.point, 0.012, Grip::Follow).unwrap();
+    let pulled = wall.point + DVec3::new(0.0, -0.02, 0.01);
+    body.set_target(hand, pulled).unwrap();
+    solver.run(&mut body, 5, 0.005).unwrap();
+    let now = body.positions().unwrap()[wall.node as usize];
+    let expected = nodes[wall.node as usize] + (pulled - wall.point);
+    assert!(now.distance(expected) < 1e-6, "{now} {expected}");
+    // The same pixel shows another place now; the wall's point is where the hand is, or near.
+    let moved = on(&wall, &body.positions().unwrap());
+    assert!(moved.distance(pulled) < 0.01, "{moved} {pulled}");
+}
+
+fn grid(gpu: &Gpu) -> GridBody {
+    let ball = generate::ball(1.0, 8)
+        .unwrap()
+        .boundary_surface(None)
+        .unwrap();
+    let domain = SurfaceDomain::new(vec![ClosedSurface::new(&ball).unwrap()]).unwrap();
+    let shape = GridShape::carve_about(&domain, 2_000, DMat3::IDENTITY).unwrap();
+    let model = GridModel::new(shape, &Material::young(5e3)).unwrap();
+    GridBody::new(gpu, model).unwrap()
+}
+
+#[test]
+fn the_particle_picked_on_a_grid_body_follows_the_hand() {
+    let gpu = gpu();
+    let mut body = grid(&gpu);
+    let mesh = body.mesh().clone();
+    let topology = Topology::new(&mesh);
+    let (positions, frame) = (body.nodes().array(), body.nodes().frame());
+    let scalars = waves(&mesh);
+    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &scalars).unwrap();
+    let dt = 0.5 * body.model().stable_step();
+    let squashed: Vec<DVec3> = mesh
+        .nodes
+        .iter()
+        .map(|p| *p * DVec3::new(0.8, 1.2, 0.9))
+        .collect();
+    body.set_positions(&squashed).unwrap();
+    body.run(20, dt).unwrap();
+    let nodes = body.positions().unwrap();
+    let faces = boundary(&mesh, &topology);
+    let camera = Camera::perspective(DVec3::new(3.0, -4.0, 2.0), DVec3::ZERO, DVec3::Z, 32.0);
+    let mut random = Random::new(9);
+    let (mut tally, mut last) = (Tally::default(), None);
+    for _ in 0..150 {
+        let pixel = DVec2::new(random.between(0.0, 160.0), random.between(0.0, 120.0));
+        let found = geometry.pick(&camera, pixel, SIZE).unwrap();
+        tally.count(found, &camera, pixel, &nodes, &faces);
+        last = found.or(last);
+    }
+    assert!(tally.wrong == 0 && tally.hits > 30, "{tally:?}");
+    let pick = last.unwrap();
+    let hand = body.grab(pick.point, 0.3, Grip::Follow).unwrap();
+    let away = DVec3::new(0.2, 0.1, -0.1);
+    body.set_target(hand, pick.point + away).unwrap();
+    body.run(5, dt).unwrap();
+    let now = body.positions().unwrap()[pick.node as usize];
+    let error = now.distance(nodes[pick.node as usize] + away);
+    assert!(error < 1e-6, "{error:e}");
+}

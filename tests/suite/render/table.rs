@@ -1,0 +1,133 @@
+//! The pre-integrated table against the exact integral, over random transfer functions.
+
+use crate::render::common::*;
+use palpate::mesh::generate;
+use palpate::reference::segment_integral;
+use palpate::render::*;
+
+fn random_transfer(random: &mut Random, density: f64) -> TransferFunction {
+    let nodes = |random: &mut Random, n: usize| {
+        let mut s: Vec<f64> = (0..n).map(|_| random.unit()).collect();
+        s.sort_by(f64::total_cmp);
+        s
+    };
+    let colour = nodes(random, 4)
+        .into_iter()
+        .map(|s| [s, random.unit(), random.unit(), random.unit()])
+        .collect();
+    let extinction = nodes(random, 5)
+        .into_iter()
+        .map(|s| [s, density * random.unit()])
+        .collect();
+    TransferFunction::new(colour, extinction).unwrap()
+}
+
+/// Root mean square and largest error of look-ups, in 255ths.
+fn errors(
+    caster: &mut Raycaster,
+    truth: &ResolvedTransfer,
+    random: &mut Random,
+    longest: f64,
+) -> (f64, f64) {
+    // Segments as they occur: the scalar changes the more the longer they are.
+    let segments: Vec<[f64; 3]> = (0..3000)
+        .map(|_| {
+            let d = longest * random.unit();
+            let s = random.unit();
+            [s, (s + random.between(-3.0, 3.0) * d).clamp(0.0, 1.0), d]
+        })
+        .collect();
+    let found = caster.look_up(&segments).unwrap();
+    let (mut sum, mut most) = (0.0f64, 0.0f64);
+    for (segment, found) in segments.iter().zip(&found) {
+        let exact = segment_integral(truth, segment[0], segment[1], segment[2]);
+        for k in 0..4 {
+            let error = 255.0 * (f64::from(found[k]) - exact[k]).abs();
+            sum += error * error;
+            most = most.max(error);
+        }
+    }
+    ((sum / (4.0 * segments.len() as f64)).sqrt(), most)
+}
+
+#[test]
+fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(5, false).unwrap();
+    let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
+    let mut random = Random::new(11);
+    for table in [TableForm::Sliced, TableForm::Volume] {
+        let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
+        let options = RaycastOptions {
+            table,
+            ..Default::default()
+        };
+        let mut caster =
+            Raycaster::with_options(&gpu, geometry, &peers_transfer(), options).unwrap();
+        for density in [8.0, 80.0, 800.0] {
+            let (mut rms, mut most) = (0.0f64, 0.0f64);
+            for _ in 0..4 {
+                let transfer = random_transfer(&mut random, density);
+                caster.set_transfer(&transfer).unwrap();
+                // The cell's diagonal is the longest edge.
+                let (r, m) = errors(
+                    &mut caster,
+                    &transfer.resolved((0.0, 1.0), 1.0),
+                    &mut random,
+                    0.34,
+                );
+                (rms, most) = (rms.max(r), most.max(m));
+            }
+            println!("{table:?} x{density}: rms {rms:.3} most {most:.2}");
+            let bound = if table == TableForm::Sliced { 0.5 } else { 1.0 };
+            assert!(rms < bound, "{table:?}, density {density}: {rms}");
+        }
+    }
+}
+
+#[test]
+fn no_segment_is_too_long() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(20, false).unwrap();
+    let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
+    for table in [TableForm::Sliced, TableForm::Volume] {
+        let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
+        let options = RaycastOptions {
+            table,
+            ..Default::default()
+        };
+        let mut caster =
+            Raycaster::with_options(&gpu, geometry, &peers_transfer(), options).unwrap();
+        let truth = peers_transfer().resolved((0.0, 1.0), 1.0);
+        for d in [0.1, 1.0, 5.0] {
+            let found = caster.look_up(&[[0.2, 0.9, d], [0.6, 0.6, d]]).unwrap();
+            for (found, s) in found.iter().zip([[0.2, 0.9], [0.6, 0.6]]) {
+                let exact = segment_integral(&truth, s[0], s[1], d);
+                let error = (0..4)
+                    .map(|k| (f64::from(found[k]) - exact[k]).abs())
+                    .fold(0.0, f64::max);
+                let bound = 3.0;
+                assert!(error < bound / 255.0, "{table:?} {d}: {found:?} {exact:?}");
+                assert!((f64::from(found[3]) - exact[3]).abs() < 1.0 / 255.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_transparent_function_draws_nothing_and_a_wrong_one_is_told_apart() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(4, false).unwrap();
+    let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
+    let clear = TransferFunction::new(vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 0.0]]).unwrap();
+    let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
+    let mut caster = Raycaster::new(&gpu, geometry, &clear).unwrap();
+    let image = caster
+        .image(&peers_camera(), [32, 32], Mode::Composite)
+        .unwrap();
+    assert!(image.values.iter().all(|v| *v == 0.0));
+    caster.set_transfer(&peers_transfer()).unwrap();
+    let other = peers_transfer().denser(1.1).resolved((0.0, 1.0), 1.0);
+    let (rms, _) = errors(&mut caster, &other, &mut Random::new(3), 0.3);
+    assert!(rms > 0.5, "{rms}");
+}

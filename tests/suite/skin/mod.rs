@@ -1,0 +1,11 @@
+//! Skins against their float64 twin, at rest, moved, bent, and in pictures.
+
+mod bake;
+mod common;
+mod culling;
+mod cuts;
+mod levels;
+mod mapping;
+mod picks;
+mod pictures;
+mod twin;

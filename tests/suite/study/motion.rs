@@ -1,0 +1,364 @@
+//! The truth that solvers are held against, and how fast their float64 twins come to it.
+
+use crate::support::gpu;
+use glam::{DMat3, DVec3};
+use palpate::mesh::generate::{self, Split};
+use palpate::physics::{Damping, Material, SolverKind, Spring, SpringNetwork, largest_stable_step};
+use palpate::reference::elements::{Cantilever, Elements, spring_equilibrium};
+use palpate::reference::springs::Particles;
+use palpate::reference::truth::{State, TwinScheme, distance, fitted_order, motion, truth};
+use palpate::study::{Run, STUDIES};
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// The paper's bar, its end held, turned and let go.
+fn bar(damping_time: f64) -> Particles {
+    let material = Material {
+        damping_time,
+        ..Material::paper(3_000.0, 0.0)
+    };
+    let mesh = generate::paper_bar().unwrap();
+    let mut p = Particles::new(SpringNetwork::new(&mesh, &material).unwrap());
+    p.gravity = DVec3::new(0.0, 3.0, -9.81);
+    for (i, x) in mesh.nodes.iter().enumerate() {
+        p.pinned[i] = x.x < 1e-6;
+        p.v[i] = DVec3::new(0.0, 0.03 - x.z, x.y - 0.03) * 20.0 * x.x / 0.12;
+    }
+    p
+}
+
+const DURATION: f64 = 0.02;
+
+fn exact(p: &Particles) -> Vec<State> {
+    let scheme = TwinScheme::converged(SolverKind::VelocityVerlet);
+    let run = |steps| motion(p, scheme, DURATION, 4, steps);
+    truth(32, 1 << 12, 1e-9, 0.01, run).unwrap().states
+}
+
+/// The order of a solver on `p`, over steps well below the limit.
+fn order(p: &Particles, kind: SolverKind, truth: &[State]) -> f64 {
+    let scheme = TwinScheme::converged(kind);
+    // What an undamped explicit step adds to the fastest modes fades only with many steps.
+    let first = match kind {
+        SolverKind::Explicit => 1024,
+        SolverKind::Implicit => 64,
+        _ => 32,
+    };
+    let points = [first, 2 * first, 4 * first].map(|steps| {
+        let found = motion(p, scheme, DURATION, 4, steps).unwrap();
+        [1.0 / f64::from(steps), distance(&found, truth)]
+    });
+    fitted_order(&points)
+}
+
+#[test]
+fn orders_of_convergence_are_those_of_the_schemes() {
+    for (damping_time, orders) in [
+        (0.0, [1.0, 1.0, 2.0, 2.0, 1.0]),
+        (5e-4, [1.0, 1.0, 1.0, 2.0, 1.0]),
+    ] {
+        let p = bar(damping_time);
+        let limit = largest_stable_step(&p.network, &p.pinned, SolverKind::VelocityVerlet);
+        assert!(DURATION / 128.0 < limit.unwrap(), "{limit:?}");
+        let truth = exact(&p);
+        for (kind, expected) in SolverKind::ALL.into_iter().zip(orders) {
+            let found = order(&p, kind, &truth);
+            assert!(
+                (found - expected).abs() < 0.2,
+                "{kind}, damped by {damping_time} s: order {found}, not {expected}"
+            );
+        }
+    }
+    // The fit can fail: a scheme of second order measured against a truth that is off by a little
+    // shows no order at all.
+    let p = bar(0.0);
+    let mut off = exact(&p);
+    off.iter_mut()
+        .flat_map(|s| &mut s.x)
+        .for_each(|x| x.y += 1e-5);
+    assert!(order(&p, SolverKind::Verlet, &off) < 1.0);
+}
+
+#[test]
+fn slopes_are_fitted_in_the_logarithms() {
+    let line = [[1.0, 3.0], [2.0, 24.0], [4.0, 192.0]];
+    assert!((fitted_order(&line) - 3.0).abs() < 1e-12);
+    assert!((fitted_order(&[line[0], [0.0, 1.0], line[2]]) - 3.0).abs() < 1e-12);
+    assert!(fitted_order(&line[..1]).is_nan());
+}
+
+/// Two masses on a spring, pulled apart: x = L/2 + a cos ωt with ω² = 2κ/m, and with damping
+/// e^(−γt) cos.
+#[test]
+fn a_single_spring_swings_as_it_must() {
+    let (kappa, mass, length, pull) = (50.0, 0.1, 0.2, 0.02);
+    for damping in [0.0, 0.4] {
+        let network = SpringNetwork {
+            rest: vec![DVec3::ZERO, DVec3::new(length, 0.0, 0.0)],
+            masses: vec![mass; 2],
+            springs: vec![Spring {
+                nodes: [0, 1],
+                stiffness: kappa,
+                length,
+            }],
+            damping,
+            damping_time: 0.0,
+            damping_kind: Damping::Axial,
+            ..SpringNetwork::new(&generate::paper_bar().unwrap(), &Material::young(1.0)).unwrap()
+        };
+        let mut p = Particles::new(network);
+        p.x[0].x -= 0.5 * pull;
+        p.x[1].x += 0.5 * pull;
+        let decay = damping / mass;
+        let omega = (2.0 * kappa / mass - decay * decay).sqrt();
+        let stretch = |t: f64| {
+            let phase = (omega * t).cos() + decay / omega * (omega * t).sin();
+            pull * (-decay * t).exp() * phase
+        };
+        let scheme = TwinScheme::converged(SolverKind::VelocityVerlet);
+        let found = truth(8, 1 << 12, 1e-9, pull, |n| motion(&p, scheme, 0.5, 5, n)).unwrap();
+        for (k, state) in found.states.iter().enumerate() {
+            let t = 0.1 * (k + 1) as f64;
+            let error = state.x[1].x - state.x[0].x - length - stretch(t);
+            assert!(error.abs() < 1e-8 * pull, "{error} at {t} s");
+        }
+        // What was extrapolated is better by far than what it was extrapolated from.
+        let last = found.halvings.last().unwrap();
+        assert!(
+            last.extrapolated < 1e-9 && last.change > 100.0 * last.extrapolated,
+            "{last:?}"
+        );
+    }
+}
+
+/// A truth needs a motion to be the truth of.
+#[test]
+fn a_body_that_flies_apart_has_no_motion() {
+    let p = bar(0.0);
+    let scheme = TwinScheme::converged(SolverKind::Verlet);
+    assert!(motion(&p, scheme, 2.0, 1, 200).is_none());
+    assert!(motion(&p, scheme, 0.2, 1, 2000).is_some());
+    assert!(truth(1, 8, 1e-9, 1.0, |_| None).is_none());
+}
+
+/// Any linear displacement of the boundary is taken up by the inner nodes exactly.
+#[test]
+fn elements_pass_the_patch_test() {
+    let mut mesh = generate::box_mesh([4; 3], DVec3::ONE, Split::Five).unwrap();
+    let inner: Vec<bool> = mesh
+        .nodes
+        .iter()
+        .map(|x| x.min_element() > 1e-9 && x.max_element() < 1.0 - 1e-9)
+        .collect();
+    for (i, x) in mesh.nodes.iter_mut().enumerate().filter(|(i, _)| inner[*i]) {
+        let seed = i as f64;
+        *x += 0.05 * DVec3::new(seed.sin(), (3.0 * seed).cos(), (7.0 * seed).sin());
+    }
+    let elements = Elements::new(&mesh, 2e5, 0.3);
+    let strain = DMat3::from_cols(
+        DVec3::new(0.01, 0.002, -0.004),
+        DVec3::new(-0.003, 0.02, 0.001),
+        DVec3::new(0.005, 0.0, -0.015),
+    );
+    let exact: Vec<DVec3> = mesh.nodes.iter().map(|x| strain * *x).collect();
+    // The boundary is moved, and the forces that this brings to the inside are balanced there.
+    let moved: Vec<DVec3> = (0..exact.len())
+        .map(|i| if inner[i] { DVec3::ZERO } else { exact[i] })
+        .collect();
+    let load: Vec<DVec3> = elements.product(&moved).iter().map(|f| -*f).collect();
+    let held: Vec<bool> = inner.iter().map(|inner| !inner).collect();
+    let solution = elements.equilibrium(&load, &held, 1e-13);
+    let error = |by: f64| {
+        let nodes = (0..exact.len()).filter(|i| inner[*i]);
+        nodes
+            .map(|i| solution.x[i].distance(by * exact[i]))
+            .fold(0.0, f64::max)
+    };
+    assert!(error(1.0) < 1e-12, "{}", error(1.0));
+    assert!(error(1.001) > 1e-6);
+    // And the material is the one asked for: stretched along x with free sides, E and ν.
+    let (young, poisson, e) = (2e5, 0.3, 0.01);
+    let free: Vec<DVec3> = mesh
+        .nodes
+        .iter()
+        .map(|x| e * DVec3::new(x.x, -poisson * x.y, -poisson * x.z))
+        .collect();
+    let forces = elements.product(&free);
+    let pull: DVec3 = (0..forces.len())
+        .filter(|i| mesh.nodes[*i].x > 1.0 - 1e-9)
+        .map(|i| forces[i])
+        .sum();
+    let apart = pull.distance(DVec3::new(young * e, 0.0, 0.0));
+    assert!(apart < 1e-9 * young * e, "{pull}");
+}
+
+/// Refined, the elements sink as deep as Timoshenko's beam; springs of ν = ¼ nearly so.
+#[test]
+fn a_cantilever_sinks_as_deep_as_timoshenko_says() {
+    let beam = Cantilever {
+        length: 1.0,
+        width: 0.2,
+        young: 1e6,
+        poisson: 0.25,
+        density: 1000.0,
+        gravity: 0.01,
+    };
+    let tips = |cells: usize| {
+        let size = DVec3::new(beam.length, beam.width, beam.width);
+        let mesh = generate::box_mesh([5 * cells, cells, cells], size, Split::Five).unwrap();
+        let p = Particles::new(SpringNetwork::new(&mesh, &Material::young(beam.young)).unwrap());
+        let held: Vec<bool> = mesh.nodes.iter().map(|x| x.x < 1e-9).collect();
+        let load = p.network.masses.iter();
+        let load: Vec<DVec3> = load.map(|m| DVec3::NEG_Z * *m * beam.gravity).collect();
+        let elements = Elements::new(&mesh, beam.young, beam.poisson);
+        let tip = |u: &[DVec3]| {
+            let end = (0..u.len()).filter(|i| mesh.nodes[*i].x > beam.length - 1e-9);
+            let depths: Vec<f64> = end.map(|i| -u[i].z).collect();
+            depths.iter().sum::<f64>() / depths.len() as f64 / beam.tip()
+        };
+        let [a, b] = [
+            elements.equilibrium(&load, &held, 1e-10),
+            spring_equilibrium(&p, &load, &held, 1e-10),
+        ];
+        assert!(a.residual < 1e-9 && b.residual < 1e-9);
+        [tip(&a.x), tip(&b.x)]
+    };
+    let [coarse, fine] = [tips(4), tips(8)];
+    // Second order in the cells' size.
+    let limit = fine[0] + (fine[0] - coarse[0]) / 3.0;
+    println!("{coarse:?} {fine:?} {limit}");
+    assert!(coarse[0] < fine[0] && fine[0] < 0.99);
+    assert!((limit - 1.0).abs() < 0.03, "{limit}");
+}
+
+/// Runs the quick study of motion, on a scene or on its own.
+fn study(dir: &Path, scene: Option<&Path>) -> palpate::Result<()> {
+    let (_, _, study) = STUDIES.iter().find(|s| s.0 == "motion").unwrap();
+    let run = Run {
+        gpu: &gpu(),
+        dir,
+        quick: true,
+        progress: &|_, _| {},
+        note: &|_| {},
+        stop: &AtomicBool::new(false),
+    };
+    study(&run, scene)
+}
+
+/// The columns named of a CSV, row by row.
+fn read(path: &Path, columns: &[&str]) -> Vec<Vec<String>> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    let headers = reader.headers().unwrap().clone();
+    let places: Vec<usize> = columns
+        .iter()
+        .map(|c| headers.iter().position(|h| h == *c).unwrap())
+        .collect();
+    let rows = reader.records().map(Result::unwrap);
+    rows.map(|r| places.iter().map(|k| r[*k].to_owned()).collect())
+        .collect()
+}
+
+#[test]
+fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
+    let dir = tempfile::tempdir().unwrap();
+    study(dir.path(), None).unwrap();
+    let columns = [
+        "scene",
+        "stiffness",
+        "solver",
+        "h_s",
+        "state",
+        "error",
+        "time_error",
+        "solver_error",
+        "f32_error",
+        "ms_per_simulated_s",
+        "cg_iterations",
+    ];
+    let rows = read(&dir.path().join("motion.csv"), &columns);
+    let released = || rows.iter().filter(|r| r[0] == "released");
+    let several = |k: usize| released().map(|r| &r[k]).collect::<BTreeSet<_>>().len();
+    assert!(several(1) >= 2 && several(2) >= 3 && several(3) >= 4);
+    assert!(released().any(|r| r[4] == "diverged" && r[5] == "NaN"));
+    let number = |r: &[String], k: usize| r[k].parse::<f64>().unwrap();
+    for r in rows.iter().filter(|r| r[4] != "diverged") {
+        let [error, time, solver, single] = [5, 6, 7, 8].map(|k| number(r, k));
+        // The parts make up the whole, and none of them but time can be larger than it allows.
+        assert!(error <= 1.001 * (time + solver + single) + 1e-9, "{r:?}");
+        assert!(time <= 1.001 * (error + solver + single) + 1e-9, "{r:?}");
+        // Where the solve is cut off, rounding may be magnified by what is left of it.
+        assert!(single < 1e-3 || r[10] == "5", "{r:?}");
+        assert!(number(r, 9) > 0.0, "{r:?}");
+        if r[2] != "implicit" {
+            assert_eq!(solver, 0.0, "{r:?}");
+        } else if r[10] == "5" && r[0] == "released" {
+            assert!(
+                solver > 1e-4,
+                "five iterations are too few to solve anything: {r:?}"
+            );
+        }
+    }
+    // Truth is what halving the step does not change; its second order shows.
+    let truths = read(
+        &dir.path().join("motion_truth.csv"),
+        &["truth", "order_of_change", "change_of_extrapolation"],
+    );
+    let found = truths.iter().filter(|r| r[0] != "exact");
+    for r in found {
+        assert!(
+            (number(r, 1) - 2.0).abs() < 0.2 && number(r, 2) < 1e-6,
+            "{r:?}"
+        );
+    }
+    assert_eq!(truths.iter().filter(|r| r[0] == "exact").count(), 2);
+    // The elements are the stiffer the coarser, and the springs' own error is named.
+    let text = std::fs::read_to_string(dir.path().join("motion.md")).unwrap();
+    assert!(
+        text.contains("error of the model") && text.contains("order of convergence"),
+        "{text}"
+    );
+    for chart in [
+        "motion_released_3000",
+        "motion_model",
+        "motion_orders_damped",
+    ] {
+        assert!(dir.path().join(format!("{chart}.svg")).exists(), "{chart}");
+    }
+}
+
+#[test]
+fn scenes_are_studied_or_refused_with_a_reason() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("own.toml");
+    let scene = |more: &str| {
+        let text = format!(
+            "[mesh]\ngenerate = \"bar\"\n[material]\nstiffness = 3000\ndamping = 0.1\n[solver]\nname = \"implicit\"\ndt = 0.004\nsteps = 8\n{more}"
+        );
+        std::fs::write(&path, text).unwrap();
+        study(dir.path(), Some(&path))
+    };
+    let pin = "[[pin]]\naxis = \"x\"\nbelow = 0.0\n";
+    let refused = scene("[grid]\nnodes = 100\n").unwrap_err().to_string();
+    assert!(
+        refused.contains("own.toml") && refused.contains("grids"),
+        "{refused}"
+    );
+    let long = scene(pin).and_then(|()| {
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.replace("steps = 8", "steps = 2000000")).unwrap();
+        study(dir.path(), Some(&path))
+    });
+    assert!(long.unwrap_err().to_string().contains("too long"));
+    let rows = read(
+        &dir.path().join("motion.csv"),
+        &["scene", "solver", "state"],
+    );
+    assert!(rows.iter().all(|r| r[0] == "own"));
+    for kind in ["symplectic", "velocity-verlet", "implicit"] {
+        assert!(
+            rows.iter().any(|r| r[1] == kind && r[2] != "diverged"),
+            "{kind}"
+        );
+    }
+}

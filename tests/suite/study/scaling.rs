@@ -1,0 +1,56 @@
+//! Scaling: the memory that is computed is the memory that is made.
+
+use crate::support::gpu;
+use palpate::mesh::{Location, Topology, generate};
+use palpate::physics::{Body, Material, SolverKind};
+use palpate::render::Geometry;
+use palpate::study::computed_bytes;
+
+/// Shares of what is made that is computed: body, solvers, geometry.
+fn shares(cells: usize) -> Vec<(&'static str, f64)> {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(cells, false).unwrap();
+    let topology = Topology::new(&mesh);
+    let scalars = mesh.field("scalar", Location::Node).unwrap().values.clone();
+    let mut shares = Vec::new();
+    let mut made = gpu.bytes_made();
+    let mut add = |part| {
+        let now = gpu.bytes_made();
+        let computed = computed_bytes(part, &mesh, &topology);
+        shares.push((part, computed / (now - made) as f64));
+        made = now;
+    };
+    let body = Body::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
+    add("body");
+    let _one = SolverKind::Symplectic.solver(&gpu, &body).unwrap();
+    add("symplectic");
+    let _two = SolverKind::Implicit.solver(&gpu, &body).unwrap();
+    add("implicit");
+    let (frame, array) = (body.nodes().frame(), body.nodes().array());
+    let _geometry = Geometry::new(&gpu, &mesh, &topology, frame, array, &scalars).unwrap();
+    add("geometry");
+    shares
+}
+
+#[test]
+fn memory_is_what_is_computed() {
+    for cells in [6, 20] {
+        for (part, share) in shares(cells) {
+            println!("{cells}: {part} {share:.4}");
+            // Rows of springs are filled up to fours, and to the longest of 32; each solver keeps
+            // a history of its last steps.
+            let least = if matches!(part, "body" | "implicit") {
+                0.8
+            } else {
+                0.9
+            };
+            assert!(share > least && share <= 1.0, "{cells}: {part} {share}");
+        }
+    }
+}
+
+#[test]
+fn a_part_that_there_is_not_takes_nothing() {
+    let mesh = generate::benchmark_cube(2, false).unwrap();
+    assert_eq!(computed_bytes("skin", &mesh, &Topology::new(&mesh)), 0.0);
+}

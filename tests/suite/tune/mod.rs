@@ -1,0 +1,222 @@
+//! The tuner on scenes that it was not developed on, against exhaustive searches. Costs are
+//! counted in visits of springs, so that they are the same on every machine.
+
+use palpate::gpu::Gpu;
+use palpate::scene::Scene;
+use palpate::tune::{Cost, Found, MotionPoint, Motions, Trial, cheapest};
+use std::collections::HashMap;
+
+const SECONDS: f64 = 0.4;
+
+/// Five scenes: name, and the scene.
+fn scenes() -> Vec<(&'static str, String)> {
+    let solver = "[solver]\nname = \"implicit\"\ndt = 0.03\n";
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
+    vec![
+        (
+            "duct",
+            format!(
+                "[mesh]\ngenerate = \"duct\"\ntets = 900\n[material]\nyoung = 1e4\n{solver}\
+                 gravity = [0, 0, -9.81]\n[[pin]]\naxis = \"x\"\nbelow = 0.1\n"
+            ),
+        ),
+        (
+            "ball",
+            format!(
+                "[mesh]\nfile = '{data}/ball.vtu'\nunit = \"m\"\n[material]\nyoung = 3e3\n{solver}\
+                 gravity = [0, 0, -9.81]\n[[pin]]\naxis = \"z\"\nabove = 0.8\n"
+            ),
+        ),
+        (
+            "bar, twisted",
+            format!(
+                "[mesh]\ngenerate = \"bar\"\ntets = 900\n[material]\nyoung = 5e4\n{solver}\
+                 gravity = [0, 0, 0]\n[[pin]]\naxis = \"x\"\nbelow = 0.05\n\
+                 [[force]]\non = {{ axis = \"x\", above = 0.9 }}\ntotal = [0, 0.6, -0.8]\n"
+            ),
+        ),
+        (
+            "limb, stiff bones",
+            format!(
+                "[mesh]\ngenerate = \"limb\"\ntets = 2000\n[material]\nyoung = 5e4\nbone = {{ young = 1e6 }}\n{solver}\
+                 gravity = [0, -9.81, 0]\n[[pin]]\naxis = \"x\"\nbelow = 0.1\n"
+            ),
+        ),
+        (
+            "cube, pulled",
+            format!(
+                "[mesh]\ngenerate = \"cube\"\ntets = 900\n[material]\nyoung = 1e4\n{solver}\
+                 gravity = [0, 0, 0]\n[[pin]]\naxis = \"z\"\nbelow = 0.05\n\
+                 [[force]]\non = {{ axis = \"z\", above = 0.95 }}\ntotal = [40, 0, 0]\n"
+            ),
+        ),
+    ]
+}
+
+/// Costs and errors of all candidates, each tried once.
+struct Table<'a> {
+    motions: Motions<'a>,
+    costs: HashMap<String, f64>,
+    errors: HashMap<String, f64>,
+    /// Cost of what was tried in the search that is going on.
+    spent: f64,
+}
+
+impl Trial for Table<'_> {
+    type Point = MotionPoint;
+
+    fn points(&self) -> Vec<MotionPoint> {
+        self.motions.points()
+    }
+
+    fn cost(&mut self, point: &MotionPoint) -> palpate::Result<f64> {
+        let key = point.to_string();
+        if let Some(known) = self.costs.get(&key) {
+            return Ok(*known);
+        }
+        let cost = self.motions.cost(point)?;
+        self.costs.insert(key, cost);
+        Ok(cost)
+    }
+
+    fn error(&mut self, point: &MotionPoint, _: f64) -> palpate::Result<f64> {
+        let cost = self.cost(point)?;
+        self.spent += cost;
+        let key = point.to_string();
+        if let Some(known) = self.errors.get(&key) {
+            return Ok(*known);
+        }
+        let error = self.motions.error(point, f64::INFINITY)?;
+        self.errors.insert(key, error);
+        Ok(error)
+    }
+}
+
+/// The best of all candidates, and the finest one.
+fn exhaustive(table: &mut Table, tolerance: f64) -> (Option<f64>, f64) {
+    let points = table.points();
+    let mut best: Option<f64> = None;
+    let mut all = 0.0;
+    for point in &points {
+        let cost = table.cost(point).unwrap();
+        if !cost.is_finite() {
+            continue;
+        }
+        all += cost;
+        if table.error(point, tolerance).unwrap() <= tolerance {
+            best = Some(best.map_or(cost, |b: f64| b.min(cost)));
+        }
+    }
+    (best, all)
+}
+
+#[test]
+fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
+    let gpu = Gpu::new().unwrap();
+    let mut finest_fails = 0;
+    let mut spent_of_all = [0.0; 2];
+    let mut chosen_of_all = Vec::new();
+    for (name, text) in scenes() {
+        let scene = Scene::parse(&text).unwrap();
+        let motions = Motions::new(&gpu, &scene, SECONDS, Cost::Visits, &|_, _| {}).unwrap();
+        let mut table = Table {
+            motions,
+            costs: HashMap::new(),
+            errors: HashMap::new(),
+            spent: 0.0,
+        };
+        let mut before: Option<Found<MotionPoint>> = None;
+        for tolerance in [0.05, 0.15, 0.4] {
+            table.spent = 0.0;
+            let found = cheapest(&mut table, tolerance, &|_| {}).unwrap();
+            let spent = table.spent;
+            let (best, all) = exhaustive(&mut table, tolerance);
+            println!(
+                "{name} to {tolerance}: {}, cost {:.1} of {best:?}, error {:.4}, tried {:?}, spent {:.3} of all",
+                found.point,
+                found.cost,
+                found.error,
+                found.tried,
+                spent / all
+            );
+            assert_eq!(found.met, best.is_some(), "{name} to {tolerance}");
+            let Some(best) = best else {
+                continue;
+            };
+            spent_of_all = [spent_of_all[0] + spent, spent_of_all[1] + all];
+            assert!(found.error <= tolerance);
+            // The error is that of the point when it is tried again by itself.
+            let again = table.motions.error(&found.point, f64::INFINITY).unwrap();
+            assert!((again / found.error - 1.0).abs() < 1e-3, "{name}: {again}");
+            assert!(found.cost <= 1.5 * best, "{name} to {tolerance}: {best}");
+            if let Some(tighter) = before.filter(|f| f.met) {
+                assert!(found.cost <= tighter.cost, "{name}: looser costs more");
+            }
+            // Always the finest would not do.
+            let finest = table
+                .points()
+                .into_iter()
+                .map(|p| table.costs[&p.to_string()])
+                .filter(|c| c.is_finite())
+                .fold(0.0, f64::max);
+            finest_fails += usize::from(finest > 1.5 * best);
+            chosen_of_all.push(found.point);
+            before = Some(found);
+        }
+        // Nothing meets a tolerance of nothing, and the nearest is named.
+        let none = cheapest(&mut table, 1e-9, &|_| {}).unwrap();
+        assert!(!none.met && none.error > 1e-9);
+        assert!(
+            none.told("motion", "ms", 1e-9)
+                .contains("would have to give")
+        );
+    }
+    let [spent, all] = spent_of_all;
+    assert!(spent < 0.5 * all, "{spent} of {all}");
+    assert!(chosen_of_all.len() >= 8, "{chosen_of_all:?}");
+    assert_eq!(finest_fails, chosen_of_all.len());
+    // It does not choose the same each time.
+    let different: std::collections::HashSet<String> =
+        chosen_of_all.iter().map(|p| p.to_string()).collect();
+    assert!(different.len() >= 4, "{different:?}");
+}
+
+/// The whole of it, on the machine at hand: a file that can be read again and meets what it says.
+#[test]
+fn a_tuned_scene_is_written_and_can_be_read() {
+    let gpu = Gpu::new().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let from = folder.path().join("bar.toml");
+    let text = "[mesh]\ngenerate = \"bar\"\ntets = 600\n[material]\nyoung = 5e4\n\
+        [solver]\nname = \"implicit\"\ndt = 0.05\nsteps = 4\ngravity = [0, 0, -9.81]\n\
+        [[pin]]\naxis = \"x\"\nbelow = 0.05\n[picture]\nsize = [64, 48]\n";
+    std::fs::write(&from, text).unwrap();
+    let scene = Scene::read(&from).unwrap();
+    let wanted = |error: f64, fps: Option<f64>| palpate::tune::Wanted {
+        error,
+        fps,
+        seconds: 0.4,
+    };
+    let tuned = palpate::tune::tune(&gpu, &scene, &wanted(0.1, None), &|_, _| {}).unwrap();
+    assert!(tuned.met, "{:?}", tuned.notes);
+    let to = folder.path().join("tuned.toml");
+    tuned.write(&from, &to).unwrap();
+    let again = Scene::read(&to).unwrap();
+    let point = tuned.motion.as_ref().unwrap().point;
+    assert_eq!(again.solver.dt, Some(point.dt));
+    let seconds = f64::from(again.solver.steps.unwrap()) * point.dt;
+    assert!((seconds / 0.2 - 1.0).abs() < 0.3, "{seconds}");
+    assert_eq!(again.picture.size, Some(tuned.picture.point.size));
+    let mut stage = palpate::scene::Stage::new(&gpu, &again).unwrap();
+    stage.run(2, &mut |_| {}).unwrap();
+    // What cannot be met is said.
+    let never = wanted(1e-6, Some(1e6));
+    let tuned = palpate::tune::tune(&gpu, &scene, &never, &|_, _| {}).unwrap();
+    assert!(!tuned.met);
+    let told = tuned.notes.join("\n");
+    assert!(told.contains("would have to give"), "{told}");
+    assert!(told.contains("pictures a second take"), "{told}");
+    for bad in [0.0, -1.0, f64::NAN] {
+        assert!(palpate::tune::tune(&gpu, &scene, &wanted(bad, None), &|_, _| {}).is_err());
+    }
+}
