@@ -20,9 +20,7 @@ fn main() -> palpate::Result<()> {
     solver.run(&mut body, 20, 0.005)?;
 
     let mut depth = depth_field(&mesh, &topology).values;
-    let nodes = body.nodes();
-    let (frame, positions) = (nodes.frame(), nodes.array());
-    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &depth)?;
+    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth)?;
     let transfer = TransferFunction::preset("viridis")?.denser(8.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
 

@@ -43,9 +43,7 @@ fn main() -> palpate::Result<()> {
 
     let topology = Topology::new(&mesh);
     let depth = depth_field(&mesh, &topology).values;
-    let nodes = body.nodes();
-    let (frame, positions) = (nodes.frame(), nodes.array());
-    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &depth)?;
+    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth)?;
     let transfer = TransferFunction::preset("viridis")?.denser(5.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let pixels = [480, 480];

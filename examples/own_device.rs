@@ -36,15 +36,7 @@ fn main() -> anyhow::Result<()> {
     body.pin_lowest_end(9.81);
     let mut solver = SolverKind::Implicit.solver(&gpu, &body)?;
     let depth = palpate::mesh::depth_field(&mesh, &Topology::new(&mesh));
-    let (frame, positions) = (body.nodes().frame(), body.nodes().array().clone());
-    let geometry = Geometry::new(
-        &gpu,
-        &mesh,
-        &Topology::new(&mesh),
-        frame,
-        &positions,
-        &depth.values,
-    )?;
+    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth.values)?;
     let mut raycaster = Raycaster::new(&gpu, geometry, &TransferFunction::preset("tissue")?)?;
     let camera = Camera::framing(&mesh);
 

@@ -18,8 +18,7 @@ fn main() -> palpate::Result<()> {
 
     let topology = Topology::new(&mesh);
     let depth = depth_field(&mesh, &topology).values;
-    let (frame, positions) = (body.nodes().frame(), body.nodes().array());
-    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &depth)?;
+    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth)?;
     let transfer = TransferFunction::preset("viridis")?.denser(20.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let eye = DVec3::new(0.15, -0.45, 0.15);

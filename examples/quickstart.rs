@@ -3,7 +3,7 @@
 //!     cargo run --release --example quickstart [-- MESH.vtu OUT.png]
 
 use palpate::gpu::Gpu;
-use palpate::mesh::{Location, Topology};
+use palpate::mesh::Location;
 use palpate::physics::{Body, ImplicitEuler, Material, Solver};
 use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
 
@@ -23,16 +23,7 @@ fn main() -> palpate::Result<()> {
 
     let field = mesh.field("intensity", Location::Node);
     let scalars = field.map_or(vec![0.0; mesh.nodes.len()], |f| f.values.clone());
-    let nodes = body.nodes();
-    let topology = Topology::new(&mesh);
-    let geometry = Geometry::new(
-        &gpu,
-        &mesh,
-        &topology,
-        nodes.frame(),
-        nodes.array(),
-        &scalars,
-    )?;
+    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &scalars)?;
     let transfer = TransferFunction::read(format!("{data}/limb.json"))?;
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let size = [800, 600];

@@ -4,6 +4,7 @@
 //! software adapter they are several times faster than storage buffers.
 
 use super::{Bind, Gpu, Resource};
+use crate::mesh::LocalFrame;
 use crate::{Error, Result};
 
 mod gpu_data {
@@ -102,6 +103,16 @@ impl Bind for Array {
     fn resource(&self) -> Resource<'_> {
         Resource::Texture(&self.view)
     }
+}
+
+/// Positions of a mesh's nodes on the GPU and the local frame that they are in: where whoever moves
+/// nodes and whoever draws them meet.
+#[derive(Clone, Copy, Debug)]
+pub struct Positions<'a> {
+    /// One item a node, in the mesh's order: xyz in `frame`.
+    pub array: &'a Array,
+    /// What the array's numbers are in.
+    pub frame: LocalFrame,
 }
 
 impl Gpu {

@@ -48,6 +48,7 @@ impl Gpu {
     ///
     /// # Errors
     /// [`Error::NoAdapter`] with what to install or which adapters there are.
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn new() -> Result<Gpu> {
         let wanted = std::env::var(ADAPTER_VARIABLE).ok();
         Gpu::with_adapter(wanted.as_deref())
@@ -59,17 +60,25 @@ impl Gpu {
     ///
     /// # Errors
     /// As [`Gpu::new`].
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn with_adapter(wanted: Option<&str>) -> Result<Gpu> {
         let adapters = enumerate();
-        let adapter = choose(&adapters, wanted)?;
+        pollster::block_on(Gpu::request(choose(&adapters, wanted)?))
+    }
+
+    /// A device of Palpate's own on `adapter`, without blocking: the way in a browser.
+    ///
+    /// # Errors
+    /// [`Error::NoAdapter`] when the adapter refuses it.
+    pub async fn request(adapter: &wgpu::Adapter) -> Result<Gpu> {
         let info = adapter.get_info();
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+        let descriptor = wgpu::DeviceDescriptor {
             label: Some("palpate"),
             required_features: adapter.features() & OPTIONAL_FEATURES,
             required_limits: wgpu::Limits::default(),
             ..Default::default()
-        }))
-        .map_err(|e| {
+        };
+        let (device, queue) = adapter.request_device(&descriptor).await.map_err(|e| {
             Error::NoAdapter(format!(
                 "{} ({:?}) refuses a device with WebGPU's default limits: {e}; choose another with {ADAPTER_VARIABLE} or --adapter",
                 info.name, info.backend
@@ -134,6 +143,7 @@ impl Gpu {
     }
 
     /// All adapters here in the order of choice, one line each.
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn adapters() -> Vec<String> {
         enumerate()
             .iter()
@@ -207,6 +217,19 @@ impl Gpu {
         make: impl FnOnce(&wgpu::Device) -> T,
     ) -> Result<T> {
         self.check()?;
+        // A browser says later what it refuses: `check` tells it then.
+        #[cfg(target_arch = "wasm32")]
+        return Ok((make(self.device()), label).0);
+        #[cfg(not(target_arch = "wasm32"))]
+        self.create_within_scope(label, make)
+    }
+
+    #[cfg(not(target_arch = "wasm32"))]
+    fn create_within_scope<T>(
+        &self,
+        label: &str,
+        make: impl FnOnce(&wgpu::Device) -> T,
+    ) -> Result<T> {
         let memory = self
             .device()
             .push_error_scope(wgpu::ErrorFilter::OutOfMemory);
@@ -253,6 +276,7 @@ fn note(trouble: &Mutex<Option<Trouble>>, what: Trouble) {
 }
 
 /// All adapters, most capable first.
+#[cfg(not(target_arch = "wasm32"))]
 fn enumerate() -> Vec<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         // Vulkan, Metal and DirectX 12: the software rasteriser's OpenGL twin is slower.
@@ -278,6 +302,7 @@ fn describe(a: &wgpu::AdapterInfo) -> String {
     format!("{} ({kind}, {:?})", a.name, a.backend)
 }
 
+#[cfg(not(target_arch = "wasm32"))]
 fn rank(kind: wgpu::DeviceType) -> u8 {
     match kind {
         wgpu::DeviceType::DiscreteGpu => 0,
@@ -288,6 +313,7 @@ fn rank(kind: wgpu::DeviceType) -> u8 {
     }
 }
 
+#[cfg(not(target_arch = "wasm32"))]
 fn choose<'a>(adapters: &'a [wgpu::Adapter], wanted: Option<&str>) -> Result<&'a wgpu::Adapter> {
     let Some(first) = adapters.first() else {
         return Err(Error::NoAdapter(

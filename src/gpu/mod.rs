@@ -16,7 +16,7 @@ mod record;
 mod shader;
 mod timing;
 
-pub use array::{Array, ROW, Texel};
+pub use array::{Array, Positions, ROW, Texel};
 pub use binding::{Bind, Resource};
 pub use device::{ADAPTER_VARIABLE, Gpu};
 pub use draw::{Draw, DrawBuilder};

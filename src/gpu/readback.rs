@@ -97,6 +97,10 @@ impl Gpu {
 
     /// Waits for the device and reads a mappable buffer.
     pub(super) fn map<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
+        if cfg!(target_arch = "wasm32") {
+            let why = "a browser cannot wait for what is read back from the device";
+            return Err(Error::Gpu(why.into()));
+        }
         self.count_readback();
         let (sender, receiver) = std::sync::mpsc::channel();
         buffer

@@ -37,6 +37,27 @@ pub fn atomic_write(
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
+    replace(path, &target, folder, fill)
+}
+
+#[cfg(target_arch = "wasm32")]
+fn replace(
+    path: &Path,
+    _: &Path,
+    _: &Path,
+    _: impl FnOnce(&mut BufWriter<File>) -> Result<()>,
+) -> Result<()> {
+    Err(Error::format(path, "a browser has no files to write"))
+}
+
+/// Fills a temporary file in `folder` and gives it the name `target`; `path` is what errors name.
+#[cfg(not(target_arch = "wasm32"))]
+fn replace(
+    path: &Path,
+    target: &Path,
+    folder: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>,
+) -> Result<()> {
     let mut options = tempfile::Builder::new();
     options.prefix(".palpate-").suffix(".part");
     #[cfg(unix)]
@@ -52,6 +73,6 @@ pub fn atomic_write(
     file.flush().map_err(Error::io(path))?;
     drop(file);
     temporary
-        .persist(&target)
+        .persist(target)
         .map_err(|e| Error::io(path)(e.error))
 }

@@ -33,6 +33,7 @@ mod report;
 mod spacing;
 mod stars;
 mod stencil;
+#[cfg_attr(target_arch = "wasm32", path = "tetgen_absent.rs")]
 mod tetgen;
 mod threshold_domain;
 mod volumes;

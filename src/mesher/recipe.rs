@@ -10,7 +10,7 @@ use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use web_time::Instant;
 
 /// Tets where nothing is said.
 const TETS: usize = 50_000;

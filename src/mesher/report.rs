@@ -4,7 +4,7 @@ use super::{IslandReport, OptimiserReport, PinchReport};
 use crate::mesh::{DIHEDRAL_BINS, dihedral_angles, signed_volume};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::time::Instant;
+use web_time::Instant;
 
 /// Bins of the angles from which the 1st percentile is read: a hundredth of a degree each.
 const FINE_BINS: usize = 18_000;

@@ -1,6 +1,6 @@
 //! Node positions on the GPU: all that drawing a body takes.
 
-use crate::gpu::{Array, Gpu, Texel};
+use crate::gpu::{Array, Gpu, Positions, Texel};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
@@ -15,6 +15,15 @@ pub struct Nodes {
     positions: Array,
     frame: LocalFrame,
     version: u64,
+}
+
+impl<'a> From<&'a Nodes> for Positions<'a> {
+    fn from(nodes: &'a Nodes) -> Positions<'a> {
+        Positions {
+            array: &nodes.positions,
+            frame: nodes.frame,
+        }
+    }
 }
 
 impl Nodes {

@@ -7,7 +7,7 @@ use crate::gpu::Gpu;
 use crate::physics::{Energy, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::time::Instant;
+use web_time::Instant;
 
 /// The report of `palpate render --report`; its JSON keys are the names of these members.
 #[derive(Clone, Debug, Serialize)]

@@ -61,13 +61,16 @@ impl Skin {
             .map(|t| (key(new.nodes, *t), *t))
             .collect();
         let binder = Binder::new(&new, self.mapping)?;
+        // Not `self`, whose device cannot go from thread to thread in a browser.
+        let (seats, vertices, mapping) = (&self.bound, &self.vertices, self.mapping);
+        let frame = &carrier.frame;
         let follow = |v: usize| -> (Bound, Change) {
-            let bound = self.bound[v];
-            let vertex = Vertex::new(&self.vertices, v, &carrier.frame);
+            let bound = seats[v];
+            let vertex = Vertex::new(vertices, v, frame);
             let Some(left) = after.get(&key(old.nodes, bound.nodes)) else {
                 let parted = |n: u32| blade.parts(placed[v].position, nodes[n as usize]);
                 let accept = |t: [u32; 3]| !t.into_iter().any(parted);
-                return (binder.bind(&vertex, self.mapping, &accept).0, Change::Moved);
+                return (binder.bind(&vertex, mapping, &accept).0, Change::Moved);
             };
             let same = |n: u32| {
                 let at = bits(old.nodes[n as usize]);
@@ -82,7 +85,7 @@ impl Skin {
             let turned = (0..3)
                 .any(|k| normal(old.normals, bound.nodes[k]) != normal(new.normals, seat.nodes[k]));
             let nodes = seat.nodes;
-            match turned && bound.interpolated && self.mapping != Mapping::OneToOne {
+            match turned && bound.interpolated && mapping != Mapping::OneToOne {
                 true => {
                     let smooth = binder.is_smooth(seat);
                     (binder.tie(&vertex, seat, smooth), Change::Turned)

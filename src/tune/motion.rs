@@ -10,7 +10,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::fmt;
-use std::time::Instant;
+use web_time::Instant;
 
 /// Times at which motion is held against truth.
 const LOOKS: u32 = 4;

@@ -4,7 +4,7 @@
 //! Tets are kept along a Morton curve, whatever their order in the file; nodes keep theirs, so
 //! that positions come straight from whoever moves them.
 
-use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
+use crate::gpu::{Array, Gpu, Pass, Positions, Recorder, Texel};
 use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
 use crate::{Error, Result};
 
@@ -110,6 +110,21 @@ impl Geometry {
         let scalars = scalars.into();
         let range = scalar_range(scalars.values());
         Geometry::with_range(gpu, mesh, topology, frame, positions, scalars, range)
+    }
+
+    /// Prepares `mesh`, whose nodes stand where `nodes` says: those of a body, or an array of the
+    /// caller's with its frame. `scalars` holds one number a node, or one a tet.
+    ///
+    /// # Errors
+    /// As [`Geometry::new`].
+    pub fn following<'a, 'b>(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        nodes: impl Into<Positions<'a>>,
+        scalars: impl Into<Scalars<'b>>,
+    ) -> Result<Geometry> {
+        let Positions { array, frame } = nodes.into();
+        Geometry::new(gpu, mesh, &Topology::new(mesh), frame, array, scalars)
     }
 
     fn with_range(

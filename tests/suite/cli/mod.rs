@@ -1,5 +1,4 @@
-//! The command line, as a user runs it. Some tests read `../shared/data`, real meshes that are
-//! not part of this repository, and fail where that folder is absent.
+//! The command line, as a user runs it.
 
 mod bake;
 mod mesh;
@@ -9,12 +8,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
-const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
 
-fn shared(file: &str) -> String {
-    let path = Path::new(SHARED).join(file);
-    assert!(path.exists(), "this test needs {}", path.display());
-    path.to_string_lossy().into_owned()
+fn real(file: &str) -> Option<String> {
+    let path = crate::support::real_data(file)?;
+    Some(path.to_string_lossy().into_owned())
 }
 
 fn palpate(arguments: &[&str]) -> Output {
@@ -50,7 +47,24 @@ fn text(path: &Path) -> &str {
 
 #[test]
 fn info_speaks_json_and_text() {
-    let heart = shared("scalar/chaste_heart_decimation.vtu");
+    let limb = format!("{DATA}/limb.vtu");
+    let json: serde_json::Value =
+        serde_json::from_str(&stdout(&palpate(&["info", &limb, "--json"]))).unwrap();
+    let mesh = palpate::io::read(&limb).unwrap();
+    assert_eq!(json["nodes"], mesh.nodes.len());
+    assert_eq!(json["tets"], mesh.tets.len());
+    assert_eq!(json["components"], 1);
+    let names: Vec<_> = json["fields"].as_array().unwrap().iter().collect();
+    assert_eq!(names.len(), mesh.fields.len());
+    let words = stdout(&palpate(&["info", &limb]));
+    assert!(words.contains("label") && words.contains("bone"), "{words}");
+}
+
+#[test]
+fn info_tells_a_real_heart() {
+    let Some(heart) = real("scalar/chaste_heart_decimation.vtu") else {
+        return;
+    };
     let json: serde_json::Value =
         serde_json::from_str(&stdout(&palpate(&["info", &heart, "--json"]))).unwrap();
     assert_eq!(json["nodes"], 172);
@@ -91,12 +105,22 @@ fn what_is_no_mesh_is_said_so() {
 
 #[test]
 fn render_draws_moves_and_reports() {
-    let folder = folder("render");
-    let (picture, report) = (folder.join("heart.png"), folder.join("heart.json"));
-    let heart = shared("scalar/chaste_heart_decimation.vtu");
+    draws_moves_and_reports(&format!("{DATA}/limb.vtu"), "m", "8");
+}
+
+#[test]
+fn render_draws_moves_and_reports_a_real_heart() {
+    if let Some(heart) = real("scalar/chaste_heart_decimation.vtu") {
+        draws_moves_and_reports(&heart, "cm", "40");
+    }
+}
+
+fn draws_moves_and_reports(mesh: &str, unit: &str, steps: &str) {
+    let folder = folder(&format!("render_{unit}"));
+    let (picture, report) = (folder.join("body.png"), folder.join("body.json"));
     stdout(&palpate(&[
         "render",
-        &heart,
+        mesh,
         "--out",
         text(&picture),
         "--size",
@@ -106,9 +130,9 @@ fn render_draws_moves_and_reports() {
         "--dt",
         "0.01",
         "--steps",
-        "40",
+        steps,
         "--unit",
-        "cm",
+        unit,
         "--repeat",
         "2",
         "--report",
@@ -142,8 +166,11 @@ fn render_draws_moves_and_reports() {
     assert_eq!(json["lost_rays"], 0);
     assert!(json["frame_ms"].as_f64().unwrap() > 0.0);
     assert!(json["cg"]["iterations"].as_u64().unwrap() > 0);
-    // More than 1 % of the bounds, which are 3.3 long.
-    assert!(json["max_displacement"].as_f64().unwrap() > 0.033, "{json}");
+    // More than 1 % of the size.
+    let (low, high) = palpate::io::read(mesh).unwrap().bounds();
+    let size = (high - low).max_element();
+    let moved = json["max_displacement"].as_f64().unwrap();
+    assert!(moved > 0.01 * size, "{moved} of {size}");
 }
 
 #[test]
@@ -241,7 +268,6 @@ fn pictures_of_different_sizes_are_not_compared() {
     assert!(errors.contains("8 x 9"), "{errors}");
 }
 
-/// One of them needs a file of `../shared/data`, and fails by its name without it.
 #[test]
 fn every_scene_that_ships_is_drawn() {
     let folder = folder("scenes");

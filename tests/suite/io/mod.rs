@@ -1,4 +1,4 @@
-//! Reading and writing meshes. Tests in `data` read the real files in `../shared/data`.
+//! Reading and writing meshes. Tests in `data` read real files.
 
 mod cells;
 mod data;

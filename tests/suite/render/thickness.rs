@@ -75,17 +75,26 @@ fn wrong_pixels(image: &Image, truth: &RayReference, camera: &Camera, unit: f64)
 }
 
 #[test]
-fn a_hundred_thousand_rays_a_mesh_match_float64_one_by_one() {
+fn rays_match_float64_one_by_one() {
+    match_float64(made_meshes(), [64, 64]);
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn a_hundred_thousand_rays_a_real_mesh_match_float64_one_by_one() {
+    match_float64(real_meshes(), [130, 130]);
+}
+
+/// Three cameras at rest and bent.
+fn match_float64(meshes: impl Iterator<Item = (&'static str, TetMesh)>, size: [u32; 2]) {
     let gpu = gpu();
-    for (seed, name) in SHARED_MESHES.iter().enumerate() {
-        let mesh = shared(name);
+    for (seed, (name, mesh)) in meshes.enumerate() {
         let mut random = Random::new(seed as u64 + 1);
         for positions in [mesh.nodes.clone(), bent(&mesh)] {
             let (low, high) = palpate::mesh::bounds(&positions);
             let unit = (high - low).max_element();
             let (mut vertices, truth) = caster(&gpu, &mesh, &positions, Walk::Vertices);
             let (mut planes, _) = caster(&gpu, &mesh, &positions, Walk::Planes);
-            let size = [130, 130];
             for _ in 0..3 {
                 let camera = random_camera(&positions, &mut random);
                 let image = vertices.image(&camera, size, Mode::Thickness).unwrap();
@@ -108,7 +117,7 @@ fn a_hundred_thousand_rays_a_mesh_match_float64_one_by_one() {
 #[test]
 fn a_wrong_shape_is_told_apart() {
     let gpu = gpu();
-    let mesh = shared("scalar/chaste_heart_decimation.vtu");
+    let mesh = slivers();
     let (mut caster, _) = caster(&gpu, &mesh, &mesh.nodes, Walk::Vertices);
     let moved: Vec<DVec3> = mesh.nodes.iter().map(|p| *p * 1.002).collect();
     let truth = RayReference::new(&mesh, &moved, &waves(&mesh));
@@ -121,16 +130,25 @@ fn a_wrong_shape_is_told_apart() {
 
 #[test]
 fn thickness_over_an_oblique_picture_is_the_volume() {
+    fill_volume(made_meshes());
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn thickness_over_an_oblique_picture_is_the_volume_of_real_meshes() {
+    fill_volume(real_meshes());
+}
+
+fn fill_volume(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
     let gpu = gpu();
-    for (seed, name) in SHARED_MESHES.iter().enumerate() {
-        let mesh = shared(name);
+    for (seed, (name, mesh)) in meshes.enumerate() {
         let positions = mesh.nodes.clone();
         let (low, high) = mesh.bounds();
         let (middle, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
         let away = DVec3::new(0.48, 0.36, 0.8);
         let camera =
             Camera::orthographic(middle + 2.0 * radius * away, middle, DVec3::Y, 2.0 * radius);
-        let walk = if seed == 3 {
+        let walk = if seed == 1 {
             Walk::Planes
         } else {
             Walk::Vertices
@@ -149,8 +167,17 @@ fn thickness_over_an_oblique_picture_is_the_volume() {
 
 #[test]
 fn no_ray_is_lost_along_the_axes() {
+    lose_none(made_meshes());
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn no_ray_of_real_meshes_is_lost_along_the_axes() {
+    lose_none(real_meshes());
+}
+
+fn lose_none(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
     let gpu = gpu();
-    let meshes = SHARED_MESHES.iter().map(|name| (*name, shared(name)));
     let grids = [
         ("grid", generate::benchmark_cube(8, false).unwrap()),
         (

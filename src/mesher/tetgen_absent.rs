@@ -1,0 +1,15 @@
+//! In a browser there are no other programs to run.
+
+use super::{Filling, Progress, Spacing};
+use crate::mesh::TriMesh;
+use crate::{Error, Result};
+
+/// Says that TetGen cannot be run here.
+///
+/// # Errors
+/// Always [`Error::Input`].
+pub fn tetgen(_: &[TriMesh], _: Spacing, _: Progress) -> Result<Filling> {
+    Err(Error::Input(
+        "TetGen is a program, which a browser cannot run; use the lattice mesher".into(),
+    ))
+}
