@@ -318,13 +318,6 @@ fn the_demo_leaves_its_pictures_and_series() {
 fn every_example_runs() {
     let folder = folder("examples");
     let profile = Path::new(env!("CARGO_BIN_EXE_palpate")).parent().unwrap();
-    // `cargo test` has built them already; `cargo test --test cli` alone has not.
-    let build = Command::new(env!("CARGO"))
-        .args(["build", "--examples", "--target-dir"])
-        .arg(profile.parent().unwrap())
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .output();
-    stdout(&build.unwrap());
     let built = profile.join("examples");
     let runs: [(&str, &[&str]); 9] = [
         ("quickstart", &[]),
@@ -342,7 +335,7 @@ fn every_example_runs() {
             .args(arguments)
             .current_dir(&folder)
             .output()
-            .unwrap_or_else(|e| panic!("{example}: {e}"));
+            .unwrap_or_else(|e| panic!("{example}: {e}; `cargo build --examples` makes it"));
         stdout(&output);
     }
     for picture in [
