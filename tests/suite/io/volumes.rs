@@ -7,7 +7,6 @@ use palpate::io;
 use palpate::mesh::{ScalarType, TetMesh};
 use palpate::volume::{Raw, Volume, VolumeDescription};
 use proptest::prelude::*;
-use std::path::Path;
 
 fn real(name: &str) -> Option<Volume> {
     let path = crate::support::real_data(&format!("volumes/{name}"))?;
