@@ -43,4 +43,14 @@ impl Tags {
         }
         self.index.get(&tag).map(|i| *i as usize)
     }
+
+    /// Passes over the next index, which has no tag of its own: another index has it.
+    pub fn push_unnamed(&mut self) {
+        if self.index.is_empty() {
+            self.index = (0..self.count)
+                .map(|i| (self.first + i, i as u32))
+                .collect();
+        }
+        self.count += 1;
+    }
 }

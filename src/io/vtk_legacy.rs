@@ -7,6 +7,7 @@
 use super::cells::RawMesh;
 use super::cursor::{Cursor, Parse};
 use super::vtk_legacy_data::Values;
+use super::vtk_regions::Global;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
@@ -47,6 +48,7 @@ struct File<'a> {
     /// Whose attributes are being read, and how many tuples they have; `None` before
     /// POINT_DATA and CELL_DATA, where arrays belong to the file as a whole.
     owner: Option<(Location, usize)>,
+    global: Global,
 }
 
 impl<'a> File<'a> {
@@ -96,6 +98,7 @@ impl<'a> File<'a> {
             kinds: None,
             polygonal: kind == "POLYDATA",
             owner: None,
+            global: Global::default(),
         })
     }
 
@@ -348,7 +351,12 @@ impl<'a> File<'a> {
                 Some((location, items)) => self.mesh.warnings.push(format!(
                     "array \"{name}\" is left out: it has {tuples} tuples, but there are {items} {location}"
                 )),
-                None => {} // belongs to the file, not to nodes or cells
+                // Of the mesh as a whole.
+                None => {
+                    if let Some((values, _)) = values {
+                        self.global.array(&name, &values);
+                    }
+                }
             }
         }
         Ok(())
@@ -395,6 +403,7 @@ impl<'a> File<'a> {
             ));
         }
         mesh.add_cells(&kinds, &nodes, &ends, 0)?;
+        self.global.add_to(&mut mesh);
         Ok(mesh)
     }
 }

@@ -9,7 +9,7 @@ use super::cells::{RawMesh, index};
 use super::cursor::Parse;
 use super::scalar;
 use super::vtu_data::{Layout, Source, numbers};
-use super::vtu_regions::Global;
+use super::vtk_regions::{self, Global};
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 use quick_xml::Reader;
@@ -19,7 +19,7 @@ use quick_xml::events::{BytesStart, Event};
 pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
     let outline = Outline::read(bytes)?;
     let mut mesh = RawMesh::default();
-    outline.global.add_to(&mut mesh);
+    outline.global().add_to(&mut mesh);
     for (number, piece) in outline.pieces.iter().enumerate() {
         outline
             .add_piece(piece, number > 0, &mut mesh)
@@ -36,8 +36,8 @@ struct Outline<'a> {
     file: &'a [u8],
     layout: Layout,
     pieces: Vec<Piece>,
-    /// What is told of the mesh as a whole.
-    global: Global,
+    /// What is told of the mesh as a whole, each with its number of tuples.
+    global: Vec<(Array, Option<usize>)>,
     appended: Option<Source<'a>>,
 }
 
@@ -72,7 +72,7 @@ impl<'a> Outline<'a> {
                 zlib: false,
             },
             pieces: Vec::new(),
-            global: Global::default(),
+            global: Vec::new(),
             appended: None,
         };
         let mut open: Vec<String> = Vec::new();
@@ -98,7 +98,12 @@ impl<'a> Outline<'a> {
                     open.pop();
                 }
                 Event::Text(text) if open.iter().rev().nth(1).is_some_and(|t| t == "FieldData") => {
-                    outline.global.text(&text);
+                    if let Some((array, _)) = outline.global.last_mut()
+                        && array.text.is_empty()
+                        && !text.trim_ascii().is_empty()
+                    {
+                        array.text = before..before + text.len();
+                    }
                 }
                 Event::Text(text)
                     if open.last().is_some_and(|t| t == "DataArray")
@@ -142,26 +147,12 @@ impl<'a> Outline<'a> {
                 arrays: Vec::new(),
             }),
             ("DataArray" | "Array", "FieldData") => {
-                let format = attribute(tag, "format").unwrap_or_default();
-                let name = attribute(tag, "Name").filter(|_| format == "ascii");
-                self.global.array(name.unwrap_or_default());
+                let array = array(tag, parent)?;
+                let tuples = attribute(tag, "NumberOfTuples").and_then(|n| n.trim().parse().ok());
+                self.global.push((array, tuples));
             }
             ("DataArray" | "Array", "Points" | "Cells" | "PointData" | "CellData") => {
-                let array = Array {
-                    section: parent.to_string(),
-                    name: attribute(tag, "Name").unwrap_or_else(|| "unnamed".into()),
-                    type_name: attribute(tag, "type").unwrap_or_default(),
-                    components: match attribute(tag, "NumberOfComponents") {
-                        None => 1,
-                        Some(_) => count(tag, "NumberOfComponents")?,
-                    },
-                    format: attribute(tag, "format").unwrap_or_else(|| "ascii".into()),
-                    offset: match attribute(tag, "offset") {
-                        None => None,
-                        Some(_) => Some(count(tag, "offset")?),
-                    },
-                    text: 0..0,
-                };
+                let array = array(tag, parent)?;
                 if let Some(piece) = self.pieces.last_mut() {
                     piece.arrays.push(array);
                 }
@@ -202,6 +193,30 @@ impl<'a> Outline<'a> {
             }
         });
         Ok(())
+    }
+
+    /// What the arrays of the whole mesh tell; those that cannot be read tell nothing.
+    fn global(&self) -> Global {
+        let mut global = Global::default();
+        for (array, tuples) in &self.global {
+            if !vtk_regions::is_known(&array.name) {
+                continue;
+            }
+            if array.format == "ascii" {
+                // Numbers, or the bytes of strings.
+                let text = String::from_utf8_lossy(&self.file[array.text.clone()]);
+                let numbers: Vec<f64> = text
+                    .split_whitespace()
+                    .map_while(|word| word.parse().ok())
+                    .collect();
+                global.array(&array.name, &numbers);
+            } else if let Some(tuples) = tuples
+                && let Ok((numbers, _)) = self.values(array, *tuples)
+            {
+                global.array(&array.name, &numbers);
+            }
+        }
+        global
     }
 
     fn add_piece(&self, piece: &Piece, later: bool, mesh: &mut RawMesh) -> Parse<()> {
@@ -351,6 +366,25 @@ fn ends(offsets: &[f64]) -> Parse<Vec<usize>> {
             Ok(last)
         })
         .collect()
+}
+
+/// A `<DataArray>` tag in `section`.
+fn array(tag: &BytesStart, section: &str) -> Parse<Array> {
+    Ok(Array {
+        section: section.to_string(),
+        name: attribute(tag, "Name").unwrap_or_else(|| "unnamed".into()),
+        type_name: attribute(tag, "type").unwrap_or_default(),
+        components: match attribute(tag, "NumberOfComponents") {
+            None => 1,
+            Some(_) => count(tag, "NumberOfComponents")?,
+        },
+        format: attribute(tag, "format").unwrap_or_else(|| "ascii".into()),
+        offset: match attribute(tag, "offset") {
+            None => None,
+            Some(_) => Some(count(tag, "offset")?),
+        },
+        text: 0..0,
+    })
 }
 
 fn layout(tag: &BytesStart) -> Parse<Layout> {
