@@ -321,9 +321,8 @@ impl File {
             // Coordinates that are not given are 0.
             let word = words.next().unwrap_or_default();
             if !word.is_empty() {
-                *value = number(word).ok_or_else(|| {
-                    format!("{axis} of node {tag} is {}, no number", shown(word))
-                })?;
+                *value = number(word)
+                    .ok_or_else(|| format!("{axis} of node {tag} is {}, no number", shown(word)))?;
             }
         }
         let position = DVec3::from_array(position);

@@ -82,7 +82,10 @@ impl FromStr for MeshFormat {
             .find(|(_, name, _)| text.eq_ignore_ascii_case(name));
         found.map(|f| f.0).ok_or_else(|| {
             let names: Vec<&str> = FORMATS.iter().map(|(_, name, _)| *name).collect();
-            format!("there is no format \"{text}\"; {} are known", names.join(", "))
+            format!(
+                "there is no format \"{text}\"; {} are known",
+                names.join(", ")
+            )
         })
     }
 }
@@ -114,7 +117,10 @@ pub fn write_as(
     text: bool,
 ) -> Result<Vec<String>> {
     let path = path.as_ref();
-    if !format.extensions().contains(&super::extension(path).as_str()) {
+    if !format
+        .extensions()
+        .contains(&super::extension(path).as_str())
+    {
         return Err(Error::Input(format!(
             "{}: files of the format {format} are called .{}; name it so",
             path.display(),

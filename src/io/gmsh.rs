@@ -431,7 +431,9 @@ pub(super) fn repeated_numbers(count: usize) -> String {
         1 => ("element", "has"),
         _ => ("elements", "have"),
     };
-    format!("{count} {elements} {have} the number of another element; all are kept, and what is told by number is the first one's")
+    format!(
+        "{count} {elements} {have} the number of another element; all are kept, and what is told by number is the first one's"
+    )
 }
 
 fn position(at: &mut Source, tag: u64) -> Parse<DVec3> {

@@ -224,10 +224,11 @@ impl<W: Write> Out<'_, W> {
         for (entity, tets) in &blocks {
             self.ints(&[*entity])?;
             let nodes = tets.iter().flat_map(|t| mesh.tets[*t]);
-            let (low, high) = nodes.map(|v| mesh.nodes[v as usize]).fold(
-                (DVec3::INFINITY, DVec3::NEG_INFINITY),
-                |(low, high), p| (low.min(p), high.max(p)),
-            );
+            let (low, high) = nodes
+                .map(|v| mesh.nodes[v as usize])
+                .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
+                    (low.min(p), high.max(p))
+                });
             self.reals(&low.to_array())?;
             self.reals(&high.to_array())?;
             let group = tets.first().and_then(|t| groups.of_tet.get(*t));

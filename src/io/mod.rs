@@ -12,9 +12,9 @@ mod atomic;
 mod cell_kinds;
 mod cells;
 mod cursor;
+mod format;
 #[doc(hidden)]
 pub mod fuzz;
-mod format;
 mod gmsh;
 mod gmsh_data;
 mod gmsh_kinds;

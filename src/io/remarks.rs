@@ -194,10 +194,7 @@ pub(super) fn of_mesh(comment: &str, mesh: &TetMesh, groups: &Groups, sets: &[St
 
 /// The line that tells of the nodes and tets of a whole file.
 pub(super) fn of_counts(comment: &str, mesh: &TetMesh) -> String {
-    line(
-        comment,
-        &Remark::Counts(mesh.nodes.len(), mesh.tets.len()),
-    )
+    line(comment, &Remark::Counts(mesh.nodes.len(), mesh.tets.len()))
 }
 
 /// The lines that tell which fields the columns of attributes hold.

@@ -21,9 +21,8 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
         .filter(|f| !groups.tell(mesh, f) && !markers.is_some_and(|m| std::ptr::eq(m, *f)))
         .partition(|f| f.location == Location::Node);
     // Most readers of .ele files take whole numbers for attributes only.
-    let (cell_fields, others): (Vec<&Field>, Vec<&Field>) = cell_fields
-        .into_iter()
-        .partition(|f| is_whole(&f.values));
+    let (cell_fields, others): (Vec<&Field>, Vec<&Field>) =
+        cell_fields.into_iter().partition(|f| is_whole(&f.values));
     let (node_path, ele_path) = super::tetgen::pair(path);
     atomic_write(&node_path, |file| {
         nodes(file, mesh, &node_fields, markers).map_err(Error::io(&node_path))?;
@@ -68,12 +67,7 @@ fn nodes(
 ) -> std::io::Result<()> {
     header(file, &remarks::of_fields("# ", fields))?;
     let marked = u8::from(markers.is_some());
-    writeln!(
-        file,
-        "{} 3 {} {marked}",
-        mesh.nodes.len(),
-        columns(fields)
-    )?;
+    writeln!(file, "{} 3 {} {marked}", mesh.nodes.len(), columns(fields))?;
     for (i, p) in mesh.nodes.iter().enumerate() {
         write!(file, "{} {:?} {:?} {:?}", i + 1, p.x, p.y, p.z)?;
         for value in tuple(fields, i) {

@@ -9,9 +9,7 @@ use std::path::Path;
 
 /// Writes `mesh` with all its fields.
 pub(super) fn write(path: &Path, mesh: &TetMesh, text: bool) -> Result<Vec<String>> {
-    atomic_write(path, |file| {
-        fill(file, mesh, text).map_err(Error::io(path))
-    })?;
+    atomic_write(path, |file| fill(file, mesh, text).map_err(Error::io(path)))?;
     Ok(Vec::new())
 }
 
@@ -29,9 +27,7 @@ fn fill(file: &mut impl Write, mesh: &TetMesh, text: bool) -> std::io::Result<()
     for (name, values) in global {
         let values = match values {
             Values::Real(value) => (vec![value], ScalarType::F64),
-            Values::Labels(labels) => {
-                (labels.iter().map(|l| *l as f64).collect(), ScalarType::I64)
-            }
+            Values::Labels(labels) => (labels.iter().map(|l| *l as f64).collect(), ScalarType::I64),
         };
         array(file, text, &name, 1, &values.0, values.1)?;
     }
@@ -61,7 +57,11 @@ fn fill(file: &mut impl Write, mesh: &TetMesh, text: bool) -> std::io::Result<()
         if fields.is_empty() {
             continue;
         }
-        write!(file, "{section} {items}\nFIELD FieldData {}\n", fields.len())?;
+        write!(
+            file,
+            "{section} {items}\nFIELD FieldData {}\n",
+            fields.len()
+        )?;
         for field in fields {
             array(
                 file,

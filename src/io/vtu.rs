@@ -8,8 +8,8 @@
 use super::cells::{RawMesh, index};
 use super::cursor::Parse;
 use super::scalar;
-use super::vtu_data::{Layout, Source, numbers};
 use super::vtk_regions::{self, Global};
+use super::vtu_data::{Layout, Source, numbers};
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 use quick_xml::Reader;

@@ -2,6 +2,7 @@
 //! not part of this repository, and fail where that folder is absent.
 
 mod bake;
+mod convert;
 mod mesh;
 mod pick;
 
