@@ -7,12 +7,12 @@
 //! (materials, steps, contacts) is passed over.
 
 use super::abaqus_elements::{Shape, shape};
+use super::abaqus_lines::{Card, members, shown, tag};
 use super::abaqus_sets::{Member, Sets};
 use super::cells::RawMesh;
 use super::cursor::{Parse, number};
-use super::gmsh::repeated_numbers;
 use super::remarks::Remarks;
-use super::tags::Tags;
+use super::tags::{Tags, repeated_numbers};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -29,75 +29,35 @@ pub(super) fn begins(bytes: &[u8]) -> bool {
 pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
     let mut file = File::default();
     // A keyword line that ends with a comma goes on in the next line.
-    let mut keyword: Option<(usize, String)> = None;
+    let mut open: Option<(usize, String)> = None;
     for (line, text) in (1..).zip(bytes.split(|b| *b == b'\n')) {
         let text = text.trim_ascii();
         if text.is_empty() || text.starts_with(b"**") {
             continue;
         }
-        if text.starts_with(b"*") || keyword.is_some() {
-            let (first, mut whole) = keyword.take().unwrap_or((line, String::new()));
-            whole += &String::from_utf8_lossy(text);
-            if whole.ends_with(',') && whole.len() < LONGEST_KEYWORD {
-                keyword = Some((first, whole));
-            } else {
-                file.keyword(&Card::new(&whole))
-                    .map_err(|e| format!("line {first}: {e}"))?;
+        let words = || String::from_utf8_lossy(text);
+        let goes_on = |whole: &String| {
+            let word = text[0].is_ascii_alphabetic() || text[0] == b'"';
+            word && whole.ends_with(',') && whole.len() < LONGEST_KEYWORD
+        };
+        match &mut open {
+            Some((_, whole)) if goes_on(whole) => whole.push_str(&words()),
+            _ => {
+                file.keyword(open.take())?;
+                if text.starts_with(b"*") {
+                    open = Some((line, words().into_owned()));
+                } else {
+                    file.data(text).map_err(|e| format!("line {line}: {e}"))?;
+                }
             }
-        } else {
-            file.data(text).map_err(|e| format!("line {line}: {e}"))?;
         }
     }
-    if let Some((line, _)) = keyword {
-        return Err(format!("line {line}: the file ends within this keyword"));
-    }
+    file.keyword(open)?;
     file.finish(bytes)
 }
 
 /// Characters of a keyword with all its lines.
 const LONGEST_KEYWORD: usize = 1 << 14;
-
-/// A keyword with its parameters; names in upper case.
-struct Card {
-    keyword: String,
-    parameters: Vec<(String, String)>,
-}
-
-impl Card {
-    fn new(line: &str) -> Card {
-        let mut quoted = false;
-        let mut words = line[1..].split(|c| {
-            quoted ^= c == '"';
-            c == ',' && !quoted
-        });
-        let upper = |word: &str| {
-            let words: Vec<&str> = word.split_whitespace().collect();
-            words.join(" ").to_ascii_uppercase()
-        };
-        let keyword = upper(words.next().unwrap_or_default());
-        let parameters = words
-            .map(|word| {
-                let (name, value) = word.split_once('=').unwrap_or((word, ""));
-                let value = value.trim().trim_matches('"').to_owned();
-                (upper(name), value)
-            })
-            .collect();
-        Card {
-            keyword,
-            parameters,
-        }
-    }
-
-    fn get(&self, name: &str) -> Option<&str> {
-        let found = self.parameters.iter().find(|(n, _)| n == name);
-        found.map(|(_, value)| value.as_str())
-    }
-
-    /// The name of a set, where one is given.
-    fn set(&self, name: &str) -> Option<&str> {
-        self.get(name).filter(|value| !value.is_empty())
-    }
-}
 
 /// What the data lines that follow are.
 #[derive(Default)]
@@ -164,8 +124,18 @@ struct File {
 }
 
 impl File {
-    fn keyword(&mut self, card: &Card) -> Parse<()> {
-        self.end_section()?;
+    /// A keyword, if one has come, and the line where it starts.
+    fn keyword(&mut self, keyword: Option<(usize, String)>) -> Parse<()> {
+        let Some((line, text)) = keyword else {
+            return Ok(());
+        };
+        let begun = self
+            .end_section()
+            .and_then(|()| self.begin(&Card::new(&text)));
+        begun.map_err(|e| format!("line {line}: {e}"))
+    }
+
+    fn begin(&mut self, card: &Card) -> Parse<()> {
         if matches!(card.keyword.as_str(), "NODE" | "ELEMENT" | "NSET" | "ELSET")
             && let Some(file) = card.get("INPUT")
         {
@@ -445,44 +415,4 @@ impl File {
             );
         }
     }
-}
-
-/// The members on a line of a set: numbers and names, or with `generate` a first, a last and a
-/// step.
-fn members<'a>(words: impl Iterator<Item = &'a [u8]>, generate: bool) -> Parse<Vec<Member>> {
-    let words = words.filter(|word| !word.is_empty());
-    if !generate {
-        return Ok(words
-            .map(|word| match tag(word, "") {
-                Ok(number) => Member::One(number),
-                Err(_) => {
-                    let name = String::from_utf8_lossy(word);
-                    // PART-INSTANCE.NUMBER or .SET.
-                    let name = name.rsplit('.').next().unwrap_or_default();
-                    match name.parse() {
-                        Ok(number) => Member::One(number),
-                        Err(_) => Member::Named(name.trim_matches('"').to_owned()),
-                    }
-                }
-            })
-            .collect());
-    }
-    let numbers = words
-        .map(|word| tag(word, "a number of a range"))
-        .collect::<Parse<Vec<u64>>>()?;
-    match numbers[..] {
-        [first, last] => Ok(vec![Member::Range(first, last, 1)]),
-        [first, last, step] if step > 0 => Ok(vec![Member::Range(first, last, step)]),
-        _ => Err("a range is given as FIRST, LAST, STEP, the step at least 1".into()),
-    }
-}
-
-fn tag(word: &[u8], what: &str) -> Parse<u64> {
-    let text = std::str::from_utf8(word).ok();
-    text.and_then(|t| t.parse().ok())
-        .ok_or_else(|| format!("expected {what}, found {}", shown(word)))
-}
-
-fn shown(word: &[u8]) -> String {
-    format!("{:?}", String::from_utf8_lossy(&word[..word.len().min(40)]))
 }

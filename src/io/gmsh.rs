@@ -12,7 +12,7 @@ use super::gmsh_data::DataSection;
 use super::gmsh_kinds::{MOST_NODES, vtk_kind};
 use super::gmsh_source::Source;
 use super::remarks::{Remarks, whole_field};
-use super::tags::Tags;
+use super::tags::{Tags, repeated_numbers};
 use crate::mesh::Location;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -423,17 +423,6 @@ impl File {
         }
         Ok(self.mesh)
     }
-}
-
-/// What is said of elements whose number others had before.
-pub(super) fn repeated_numbers(count: usize) -> String {
-    let (elements, have) = match count {
-        1 => ("element", "has"),
-        _ => ("elements", "have"),
-    };
-    format!(
-        "{count} {elements} {have} the number of another element; all are kept, and what is told by number is the first one's"
-    )
 }
 
 fn position(at: &mut Source, tag: u64) -> Parse<DVec3> {

@@ -6,6 +6,7 @@
 
 mod abaqus;
 mod abaqus_elements;
+mod abaqus_lines;
 mod abaqus_sets;
 mod abaqus_write;
 mod atomic;
@@ -34,10 +35,12 @@ mod tetgen_write;
 mod volume;
 mod vtk_legacy;
 mod vtk_legacy_data;
+mod vtk_legacy_names;
 mod vtk_legacy_write;
 mod vtk_regions;
 mod vtu;
 mod vtu_data;
+mod vtu_tags;
 mod vtu_write;
 
 pub use atomic::atomic_write;

@@ -54,3 +54,14 @@ impl Tags {
         self.count += 1;
     }
 }
+
+/// What is said of elements whose number others had before.
+pub(super) fn repeated_numbers(count: usize) -> String {
+    let (elements, have) = match count {
+        1 => ("element", "has"),
+        _ => ("elements", "have"),
+    };
+    format!(
+        "{count} {elements} {have} the number of another element; all are kept, and what is told by number is the first one's"
+    )
+}

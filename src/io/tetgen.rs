@@ -6,9 +6,8 @@
 
 use super::cells::RawMesh;
 use super::cursor::{Cursor, Parse, integer, number};
-use super::gmsh::repeated_numbers;
 use super::remarks::Remarks;
-use super::tags::Tags;
+use super::tags::{Tags, repeated_numbers};
 use crate::mesh::{Field, Location, ScalarType};
 use crate::{Error, Result};
 use glam::DVec3;

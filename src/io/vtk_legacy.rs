@@ -7,6 +7,7 @@
 use super::cells::RawMesh;
 use super::cursor::{Cursor, Parse};
 use super::vtk_legacy_data::Values;
+use super::vtk_legacy_names::decoded;
 use super::vtk_regions::Global;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
@@ -406,20 +407,4 @@ impl<'a> File<'a> {
         self.global.add_to(&mut mesh);
         Ok(mesh)
     }
-}
-
-/// VTK writes names with %XX for what is not plain text.
-fn decoded(name: &str) -> String {
-    let bytes = name.as_bytes();
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut i = 0;
-    while i < bytes.len() {
-        let code = (bytes[i] == b'%')
-            .then(|| name.get(i + 1..i + 3))
-            .flatten()
-            .and_then(|hex| u8::from_str_radix(hex, 16).ok());
-        out.push(code.unwrap_or(bytes[i]));
-        i += if code.is_some() { 3 } else { 1 };
-    }
-    String::from_utf8_lossy(&out).into_owned()
 }

@@ -1,5 +1,6 @@
 //! Writer for VTK's legacy format, version 3 (which all readers know), binary or text.
 
+use super::vtk_legacy_names::encoded;
 use super::vtk_regions::{self, Values};
 use super::{atomic_write, cell_kinds, scalar};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
@@ -143,18 +144,4 @@ fn numbers(
         file.write_all(b"\n")?;
     }
     Ok(())
-}
-
-/// A name as VTK writes it: %XX for what is no plain character.
-fn encoded(name: &str) -> String {
-    if name.is_empty() {
-        return "%00".into();
-    }
-    name.bytes()
-        .map(|b| match b {
-            b'%' | b'"' => format!("%{b:02X}"),
-            b'!'..=b'~' => char::from(b).to_string(),
-            _ => format!("%{b:02X}"),
-        })
-        .collect()
 }

@@ -160,8 +160,13 @@ fn array(
     components: usize,
     data: &[u8],
 ) -> Result<()> {
+    // One component goes without saying; meshio would make a matrix of it.
+    let width = match components {
+        1 => String::new(),
+        _ => format!(" NumberOfComponents=\"{components}\""),
+    };
     *head += &format!(
-        "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{components}\" format=\"appended\" offset=\"{}\"/>\n",
+        "<DataArray type=\"{}\" Name=\"{}\"{width} format=\"appended\" offset=\"{}\"/>\n",
         scalar::vtk_xml_name(kind),
         escaped(name),
         appended.len()
