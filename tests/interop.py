@@ -60,14 +60,14 @@ def facts(points, tets, labels=None, names=None, fields=None):
 def difference(a, b, tolerance=1e-9):
     """What was expected in `a` and is another way in `b`, in words; what only one tells of does not
     count, but for ranges of fields that are expected."""
-    for key in a.keys() & b.keys():
+    for key in (key for key in a if key in b):
         x, y = a[key], b[key]
         if isinstance(x, dict):
             if key == "ranges" and x.keys() - y.keys():
                 return f"there is no field {sorted(x.keys() - y.keys())}"
             if key in ("regions", "names") and x.keys() != y.keys():
                 return f"{key}: {sorted(x)} and {sorted(y)}"
-            for item in x.keys() & y.keys():
+            for item in (item for item in x if item in y):
                 told = difference({item: x[item]}, {item: y[item]}, tolerance)
                 if told:
                     return f"{key} {told}"
@@ -369,7 +369,8 @@ def negative_control(folder, expected):
     labels[0] += 1
     changed.cell_data["label"] = [labels]
     changed.write(folder / "changed.vtu")
-    told = difference(expected, by_palpate(folder / "changed.vtu"))
+    regions = {"regions": expected["regions"]}
+    told = difference(regions, by_palpate(folder / "changed.vtu"))
     check("negative control: a tet in another region is told", "" if "regions" in told else f"not noticed: {told!r}")
     changed = meshio.read(folder / "a.vtu")
     warm = changed.point_data["warm"].copy()
