@@ -2,6 +2,7 @@
 
 use super::{Outcome, progress, tell};
 use clap::Args;
+use palpate::io::MeshFormat;
 use palpate::mesh::SurfaceDescription;
 use palpate::mesher::{Labels, Length, MadeRegion, Recipe, RecipeReport, Size, Window};
 use palpate::scene::Unit;
@@ -16,8 +17,9 @@ pub struct MeshArguments {
     /// tet mesh
     #[arg(required = true)]
     input: Vec<PathBuf>,
-    /// The mesh (.vtu), or a surface (.ply, .obj, .stl): the isosurface of a volume at its full
-    /// resolution, or the boundary of the labels of a tet mesh
+    /// The mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp), or a surface (.ply, .obj, .stl):
+    /// the isosurface of a volume at its full resolution, or the boundary of the labels of a tet
+    /// mesh
     #[arg(long, short)]
     out: PathBuf,
 
@@ -124,11 +126,16 @@ impl MeshArguments {
     }
 }
 
+/// Whether `path` names a file that surfaces are written to.
+pub fn is_surface(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    ["ply", "obj", "stl"].contains(&extension.to_str().unwrap_or(""))
+}
+
 /// Makes the mesh or surface and says what it is like.
 pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     let recipe = arguments.recipe()?;
-    let extension = arguments.out.extension().unwrap_or_default();
-    if ["ply", "obj", "stl"].contains(&extension.to_ascii_lowercase().to_str().unwrap_or("")) {
+    if is_surface(&arguments.out) {
         return surface(arguments, &recipe);
     }
     if arguments.smooth > 0 {
@@ -137,9 +144,12 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
         )
         .into());
     }
+    // Before the work: a name that cannot be written is known to be one.
+    MeshFormat::of(&arguments.out)?;
     let made = progress::stages(|progress| recipe.mesh(progress))?;
-    io::write(&arguments.out, &made.mesh)?;
+    let left_out = io::write(&arguments.out, &made.mesh)?;
     tell(&made.notes);
+    tell(&left_out);
     tell(&summary(&made.report));
     if let Some(path) = &arguments.report {
         write_report(path, &made.report)?;

@@ -2,6 +2,7 @@
 
 mod bake;
 mod compare;
+mod convert;
 mod demo;
 mod flags;
 mod info;
@@ -40,6 +41,8 @@ enum Command {
     Simulate(Box<simulate::SimulateArguments>),
     /// Make a tetrahedral mesh of a scan, a segmentation or closed surfaces; or a surface of one
     Mesh(Box<mesh::MeshArguments>),
+    /// Write a mesh or a surface in another format
+    Convert(convert::ConvertArguments),
     /// Make the normal map of a coarse surface, which has texture coordinates, from a fine one
     Bake(bake::BakeArguments),
     /// Hold picture against picture; exit code 1 past the tolerance
@@ -86,6 +89,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Render(arguments) => render::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Simulate(arguments) => simulate::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Mesh(arguments) => mesh::run(arguments),
+        Command::Convert(arguments) => convert::run(arguments),
         Command::Bake(arguments) => bake::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),

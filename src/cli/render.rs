@@ -5,7 +5,7 @@ use super::{Outcome, progress};
 use clap::Args;
 use glam::DVec2;
 use palpate::gpu::Gpu;
-use palpate::io;
+use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
 use palpate::scene::Stage;
 use serde_json::{Value, json};
@@ -23,7 +23,7 @@ pub struct RenderArguments {
     /// upper left: node, tet, point, region; null where there is nothing
     #[arg(long, value_parser = pixel)]
     pick: Option<DVec2>,
-    /// Also write the deformed mesh (.vtu)
+    /// Also write the deformed mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp)
     #[arg(long)]
     mesh_out: Option<PathBuf>,
     #[command(flatten)]
@@ -34,6 +34,10 @@ pub struct RenderArguments {
 
 /// Deforms the body if a solver is named, and draws it.
 pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
+    if let Some(path) = &arguments.mesh_out {
+        // Before the work: a name that cannot be written is known to be one.
+        MeshFormat::of(path)?;
+    }
     let series = super::is_series(&arguments.input)
         .then(|| io::read_pvd(&arguments.input))
         .transpose()?;
@@ -50,7 +54,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         stage.save(out)?;
     }
     if let Some(path) = &arguments.mesh_out {
-        io::write(path, &stage.deformed_mesh()?)?;
+        super::tell(&io::write(path, &stage.deformed_mesh()?)?);
     }
     if let (Err(_), Some(out)) = (&outcome, &arguments.out) {
         super::tell(&[format!("{} shows the last good state", out.display())]);

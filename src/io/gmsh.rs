@@ -1,4 +1,5 @@
-//! Reader for Gmsh's MSH format, versions 2 and 4.1, ASCII and binary of either byte order.
+//! Reader for Gmsh's MSH format, versions 1, 2, 4.0 and 4.1, ASCII and (but for 1, which has no
+//! such form) binary of either byte order.
 //!
 //! The `mshio` crate (0.4.2) reads version 4.1 only, so this reader is our own. Physical and
 //! elementary groups become the cell fields `gmsh:physical` and `gmsh:geometrical` where they
@@ -8,14 +9,25 @@
 use super::cells::RawMesh;
 use super::cursor::Parse;
 use super::gmsh_data::DataSection;
+use super::gmsh_kinds::{MOST_NODES, vtk_kind};
 use super::gmsh_source::Source;
-use super::tags::Tags;
-use crate::mesh::{Field, Location, ScalarType};
+use super::remarks::{Remarks, whole_field};
+use super::tags::{Tags, repeated_numbers};
+use crate::mesh::Location;
 use glam::DVec3;
 use std::collections::HashMap;
 
 /// The first bytes of every file of this format (comments may come before).
 pub(super) const MAGIC: &[u8] = b"$MeshFormat";
+
+/// The first bytes of a file of version 1.
+pub(super) const MAGIC_1: &[u8] = b"$NOD";
+
+/// Versions as this reader tells them apart: major and minor digit.
+pub(super) const V1: u32 = 10;
+pub(super) const V2: u32 = 20;
+pub(super) const V4_0: u32 = 40;
+pub(super) const V4_1: u32 = 41;
 
 /// Reads the content of a `.msh` file.
 pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
@@ -29,10 +41,10 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
                 file.physical_names(at.skip_section(name)?);
                 continue;
             }
-            "Nodes" if file.version >= 4 => file.nodes_4(&mut at)?,
+            "Nodes" if file.version >= V4_0 => file.nodes_4(&mut at)?,
             "Nodes" => file.nodes_2(&mut at, false)?,
             "ParametricNodes" => file.nodes_2(&mut at, true)?,
-            "Elements" if file.version >= 4 => file.elements_4(&mut at)?,
+            "Elements" if file.version >= V4_0 => file.elements_4(&mut at)?,
             "Elements" => file.elements_2(&mut at)?,
             "NodeData" => file
                 .data
@@ -40,8 +52,14 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
             "ElementData" => file
                 .data
                 .push((Location::Cell, DataSection::read(&mut at)?)),
-            "NOD" | "ELM" => {
-                return Err("this is MSH version 1; save it anew with gmsh -format msh41".into());
+            "NOD" => {
+                file.version = V1;
+                file.nodes_2(&mut at, false)?;
+            }
+            "ELM" => file.elements_1(&mut at)?,
+            "Comments" => {
+                file.remarks = Remarks::read(at.skip_section(name)?, "");
+                continue;
             }
             other => {
                 if matches!(other, "ElementNodeData" | "PartitionedEntities") {
@@ -71,6 +89,9 @@ struct File {
     physical: Vec<f64>,
     geometrical: Vec<f64>,
     data: Vec<(Location, DataSection)>,
+    /// Elements whose number another element had before.
+    repeated: usize,
+    remarks: Remarks,
 }
 
 impl File {
@@ -95,7 +116,8 @@ impl File {
         for (dimension, count) in counts.into_iter().enumerate() {
             for _ in 0..count {
                 let tag = at.int(format_args!("an entity's tag"))?;
-                for _ in 0..if dimension == 0 { 3 } else { 6 } {
+                let point = dimension == 0 && self.version >= V4_1;
+                for _ in 0..if point { 3 } else { 6 } {
                     at.double(format_args!("the bounds of entity {tag}"))?;
                 }
                 let groups = at.count(format_args!("the number of groups of entity {tag}"), 2)?;
@@ -149,26 +171,32 @@ impl File {
     fn nodes_4(&mut self, at: &mut Source) -> Parse<()> {
         let blocks = at.count(format_args!("the number of node blocks"), 4)?;
         let total = at.count(format_args!("the number of nodes"), 8)?;
-        at.size(format_args!("the smallest node tag"))?;
-        at.size(format_args!("the largest node tag"))?;
+        self.tag_range(at)?;
         let mut found = 0;
         for _ in 0..blocks {
-            let dimension = at.int(format_args!("a node block's dimension"))?;
-            at.int(format_args!("a node block's entity"))?;
+            let [dimension, _] = self.block_entity(at)?;
             let parametric = at.int(format_args!("a node block's parametric flag"))?;
             let count = at.count(format_args!("the number of nodes of a block"), 8)?;
             found += count;
-            let mut tags = Vec::with_capacity(count);
-            for i in 0..count {
+            // 4.1 lists the tags of a block first, 4.0 each before its node.
+            let first = if self.version >= V4_1 { count } else { 0 };
+            let mut tags = Vec::with_capacity(first);
+            for i in 0..first {
                 tags.push(at.size(format_args!("the tag of node {i} of {count} of a block"))?);
             }
-            for tag in tags {
+            let parameters = match parametric {
+                0 => 0,
+                _ => dimension.clamp(0, 3),
+            };
+            for i in 0..count {
+                let tag = match tags.get(i) {
+                    Some(tag) => *tag,
+                    None => {
+                        at.int(format_args!("the tag of node {i} of {count} of a block"))? as u64
+                    }
+                };
                 let position = position(at, tag)?;
-                for _ in 0..if parametric == 0 {
-                    0
-                } else {
-                    dimension.clamp(0, 3)
-                } {
+                for _ in 0..parameters {
                     at.double(format_args!("a parameter of node {tag}"))?;
                 }
                 self.node(at, tag, position)?;
@@ -182,6 +210,25 @@ impl File {
         Ok(())
     }
 
+    /// 4.1 tells the smallest and the largest tag.
+    fn tag_range(&self, at: &mut Source) -> Parse<()> {
+        if self.version >= V4_1 {
+            at.size(format_args!("the smallest tag"))?;
+            at.size(format_args!("the largest tag"))?;
+        }
+        Ok(())
+    }
+
+    /// Dimension and entity of a block, which 4.0 gives the other way round.
+    fn block_entity(&self, at: &mut Source) -> Parse<[i32; 2]> {
+        let first = at.int(format_args!("a block's entity or dimension"))?;
+        let second = at.int(format_args!("a block's entity or dimension"))?;
+        Ok(match self.version >= V4_1 {
+            true => [first, second],
+            false => [second, first],
+        })
+    }
+
     /// The kind, number of nodes of an element type of gmsh's.
     fn element_type(at: &Source, number: i32) -> Parse<(u8, usize)> {
         vtk_kind(number).ok_or_else(|| {
@@ -189,7 +236,8 @@ impl File {
         })
     }
 
-    /// Reads the nodes of an element and adds it; like a node it may come again as it was.
+    /// Reads the nodes of an element and adds it; like a node it may come again as it was. One
+    /// with other nodes is another element, which some writers give a number that is taken.
     fn element(
         &mut self,
         at: &mut Source,
@@ -200,7 +248,7 @@ impl File {
         let mut corners = [0; MOST_NODES];
         for (i, corner) in corners[..width].iter_mut().enumerate() {
             let what = format_args!("node {i} of element {tag}");
-            let node = if self.version >= 4 {
+            let node = if self.version >= V4_1 {
                 at.size(what)?
             } else {
                 at.int(what)? as u64
@@ -213,9 +261,7 @@ impl File {
         }
         let corners = &corners[..width];
         if self.elements.push(tag) {
-            self.mesh.cells.push(kind, corners.iter().copied());
-            self.physical.push(f64::from(physical));
-            self.geometrical.push(f64::from(geometrical));
+            self.add_cell(kind, corners, [physical, geometrical]);
             return Ok(());
         }
         let known = self.elements.get(tag).and_then(|i| self.mesh.cells.get(i));
@@ -227,9 +273,37 @@ impl File {
                     .eq(corners.iter().copied())
         });
         if !same {
-            return Err(at.error(format_args!(
-                "element {tag} comes twice, with different nodes"
-            )));
+            self.elements.push_unnamed();
+            self.add_cell(kind, corners, [physical, geometrical]);
+            self.repeated += 1;
+        }
+        Ok(())
+    }
+
+    fn add_cell(&mut self, kind: u8, corners: &[usize], [physical, geometrical]: [i32; 2]) {
+        self.mesh.cells.push(kind, corners.iter().copied());
+        self.physical.push(f64::from(physical));
+        self.geometrical.push(f64::from(geometrical));
+    }
+
+    /// Version 1: tag, type, physical and elementary group, number of nodes, nodes.
+    fn elements_1(&mut self, at: &mut Source) -> Parse<()> {
+        self.has_elements = true;
+        let count = at.ascii_count(format_args!("the number of elements"), 10)?;
+        for i in 0..count {
+            let tag = at.int(format_args!("the tag of element {i} of {count}"))?;
+            let number = at.int(format_args!("the type of element {tag}"))?;
+            let shape = Self::element_type(at, number)?;
+            let physical = at.int(format_args!("the physical group of element {tag}"))?;
+            let geometrical = at.int(format_args!("the elementary group of element {tag}"))?;
+            let nodes = at.int(format_args!("the number of nodes of element {tag}"))?;
+            if usize::try_from(nodes) != Ok(shape.1) {
+                return Err(at.error(format_args!(
+                    "element {tag} of type {number} should have {} nodes, not {nodes}",
+                    shape.1
+                )));
+            }
+            self.element(at, tag as u64, shape, [physical, geometrical])?;
         }
         Ok(())
     }
@@ -283,19 +357,21 @@ impl File {
         self.has_elements = true;
         let blocks = at.count(format_args!("the number of element blocks"), 4)?;
         let total = at.count(format_args!("the number of elements"), 4)?;
-        at.size(format_args!("the smallest element tag"))?;
-        at.size(format_args!("the largest element tag"))?;
+        self.tag_range(at)?;
         let mut found = 0;
         for _ in 0..blocks {
-            let dimension = at.int(format_args!("an element block's dimension"))?;
-            let entity = at.int(format_args!("an element block's entity"))?;
+            let [dimension, entity] = self.block_entity(at)?;
             let number = at.int(format_args!("an element block's type"))?;
             let count = at.count(format_args!("the number of elements of a block"), 4)?;
             found += count;
             let shape = Self::element_type(at, number)?;
             let group = self.groups.get(&(dimension, entity)).copied().unwrap_or(0);
             for i in 0..count {
-                let tag = at.size(format_args!("the tag of element {i} of {count} of a block"))?;
+                let what = format_args!("the tag of element {i} of {count} of a block");
+                let tag = match self.version >= V4_1 {
+                    true => at.size(what)?,
+                    false => at.int(what)? as u64,
+                };
                 self.element(at, tag, shape, [group, entity])?;
             }
         }
@@ -317,28 +393,25 @@ impl File {
         if !self.has_elements {
             return Err("the file ends, and there is no $Elements section in it".into());
         }
+        if self.repeated > 0 {
+            self.mesh.warnings.push(repeated_numbers(self.repeated));
+        }
         // Where volumes have names, their physical tags are the labels of regions.
         let named = !self.mesh.region_names.is_empty();
-        let labels = if named {
-            self.physical.clone()
-        } else {
-            Vec::new()
+        let labels = match named {
+            true => self.physical.clone(),
+            false => Vec::new(),
         };
         for (name, values) in [
-            ("gmsh:physical", self.physical),
-            ("gmsh:geometrical", self.geometrical),
-            ("label", labels),
+            ("gmsh:physical", &self.physical),
+            ("gmsh:geometrical", &self.geometrical),
+            ("label", &labels),
         ] {
             if values.iter().any(|v| *v != 0.0) {
-                self.mesh.fields.push(Field {
-                    name: name.into(),
-                    location: Location::Cell,
-                    components: 1,
-                    values,
-                    scalar_type: ScalarType::I32,
-                });
+                self.mesh.fields.push(whole_field(name, values.clone()));
             }
         }
+        self.remarks.add_to(&mut self.mesh, &self.physical);
         let (node_needed, cell_needed) = self.mesh.volumetric();
         // A view's data may come before the mesh it is for, so it waits until now.
         for (location, section) in self.data {
@@ -357,55 +430,4 @@ fn position(at: &mut Source, tag: u64) -> Parse<DVec3> {
     let y = at.double(format_args!("y of node {tag}"))?;
     let z = at.double(format_args!("z of node {tag}"))?;
     Ok(DVec3::new(x, y, z))
-}
-
-/// Nodes of the largest element in [`vtk_kind`].
-const MOST_NODES: usize = 125;
-
-/// VTK's number of the kind, and the number of nodes, of gmsh's element type `number`. Corners
-/// come first in all of them, in VTK's order.
-fn vtk_kind(number: i32) -> Option<(u8, usize)> {
-    Some(match number {
-        15 => (1, 1),
-        1 => (3, 2),
-        8 => (21, 3),
-        26 => (35, 4),
-        27 => (68, 5),
-        28 => (68, 6),
-        2 => (5, 3),
-        9 => (22, 6),
-        20 => (69, 9),
-        21 => (69, 10),
-        22 => (69, 12),
-        23 | 24 => (69, 15),
-        25 => (69, 21),
-        3 => (9, 4),
-        10 => (28, 9),
-        16 => (23, 8),
-        36 => (70, 16),
-        37 => (70, 25),
-        38 => (70, 36),
-        39 => (70, 12),
-        4 => (10, 4),
-        11 => (24, 10),
-        29 => (71, 20),
-        30 => (71, 35),
-        31 => (71, 56),
-        5 => (12, 8),
-        12 => (29, 27),
-        17 => (25, 20),
-        92 => (72, 64),
-        93 => (72, 125),
-        6 => (13, 6),
-        13 => (32, 18),
-        18 => (26, 15),
-        90 => (73, 40),
-        91 => (73, 75),
-        7 => (14, 5),
-        14 => (37, 14),
-        19 => (27, 13),
-        118 => (74, 30),
-        119 => (74, 55),
-        _ => return None,
-    })
 }

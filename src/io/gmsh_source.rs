@@ -1,6 +1,7 @@
 //! The numbers and sections of a Gmsh file, ASCII or binary.
 
 use super::cursor::{Cursor, Parse};
+use super::gmsh;
 use std::fmt::Arguments;
 
 /// A `.msh` file being read.
@@ -38,7 +39,7 @@ impl<'a> Source<'a> {
         let name = std::str::from_utf8(token)
             .ok()
             .and_then(|t| t.strip_prefix('$'));
-        let Some(name) = name.filter(|n| !n.starts_with("End")) else {
+        let Some(name) = name.filter(|n| !n.starts_with("End") && !n.starts_with("END")) else {
             let shown = String::from_utf8_lossy(&token[..token.len().min(40)]);
             return Err(self.error(format_args!(
                 "expected the $Name of a section, found {shown:?}"
@@ -50,7 +51,9 @@ impl<'a> Source<'a> {
 
     pub fn end_of_section(&mut self, name: &str) -> Parse<()> {
         let token = self.at.word(format_args!("$End{name}"))?;
-        if token.strip_prefix("$End") == Some(name) {
+        // Version 1 has $ENDNOD and $ENDELM.
+        let end = token.strip_prefix("$End").or(token.strip_prefix("$END"));
+        if end == Some(name) {
             return Ok(());
         }
         let shown: String = token.chars().take(40).collect();
@@ -71,15 +74,16 @@ impl<'a> Source<'a> {
         Ok(&rest[..position])
     }
 
-    /// Reads the content of $MeshFormat; the major version.
+    /// Reads the content of $MeshFormat; the version, as [`gmsh`] tells them apart.
     pub fn mesh_format(&mut self) -> Parse<u32> {
         let version = self.at.word(format_args!("the version of the format"))?;
         let major = match version.split_once('.').unwrap_or((version, "0")) {
-            ("2", _) => 2,
-            ("4", minor) if minor.starts_with('1') => 4,
+            ("2", _) => gmsh::V2,
+            ("4", minor) if minor.starts_with('0') => gmsh::V4_0,
+            ("4", minor) if minor.starts_with('1') => gmsh::V4_1,
             _ => {
                 return Err(self.error(format_args!(
-                    "MSH version {version} is not read; versions 2 and 4.1 are (gmsh -format msh41 writes it)"
+                    "MSH version {version} is not read; versions 1, 2, 4.0 and 4.1 are (gmsh -format msh41 writes it)"
                 )));
             }
         };

@@ -6,6 +6,7 @@
 
 use super::cells::RawMesh;
 use super::cursor::{Cursor, Parse};
+use super::remarks::Remarks;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
@@ -79,6 +80,7 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
         return Err("the file ends, and there are no Vertices in it".into());
     }
     keep_refs(&mut mesh, Location::Node, node_refs);
+    Remarks::read(bytes, "# ").add_to(&mut mesh, &cell_refs);
     keep_refs(&mut mesh, Location::Cell, cell_refs);
     Ok(mesh)
 }

@@ -4,30 +4,48 @@
 //! and [`TetMesh::new`] makes them safe to work with. Every error says where in the file the
 //! trouble is; no count in a file sizes anything before it is held against the file's length.
 
+mod abaqus;
+mod abaqus_elements;
+mod abaqus_lines;
+mod abaqus_sets;
+mod abaqus_write;
 mod atomic;
 mod cell_kinds;
 mod cells;
 mod cursor;
+mod format;
 #[doc(hidden)]
 pub mod fuzz;
 mod gmsh;
 mod gmsh_data;
+mod gmsh_kinds;
 mod gmsh_source;
+mod gmsh_write;
+mod groups;
 mod medit;
+mod medit_write;
+mod parse;
 mod pvd;
+mod remarks;
 mod scalar;
 mod surface;
 mod tags;
 mod tetgen;
+mod tetgen_write;
 mod volume;
 mod vtk_legacy;
 mod vtk_legacy_data;
+mod vtk_legacy_names;
+mod vtk_legacy_write;
+mod vtk_regions;
 mod vtu;
 mod vtu_data;
-mod vtu_regions;
+mod vtu_tags;
 mod vtu_write;
 
 pub use atomic::atomic_write;
+pub use format::{MeshFormat, write, write_as};
+pub use parse::{parse, parse_surface, parse_volume};
 pub use pvd::{Frame, PvdSeries, read_pvd};
 pub use surface::{read_surface, write_surface};
 pub use volume::{read_volume, write_volume};
@@ -37,10 +55,9 @@ use crate::{Error, Result};
 use std::path::Path;
 
 /// What [`read`] can read, for messages.
-const READABLE: &str =
-    "VTK legacy (.vtk), VTK XML (.vtu), Gmsh (.msh), TetGen (.node with .ele) and Medit (.mesh)";
+const READABLE: &str = "VTK legacy (.vtk), VTK XML (.vtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh) and Abaqus (.inp)";
 
-/// Reads a mesh of any format that is known: VTK legacy, VTU, Gmsh 2 and 4.1, TetGen, Medit.
+/// Reads a mesh of any format that is known: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, Abaqus.
 /// The content decides, then the extension. What was changed on the way (cells cut or dropped,
 /// repairs) is told in [`TetMesh::repairs`].
 ///
@@ -118,10 +135,12 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
             );
         }
         Ok(vtu::read)
-    } else if begins(gmsh::MAGIC) || (begins(b"$") && extension == "msh") {
+    } else if begins(gmsh::MAGIC) || begins(gmsh::MAGIC_1) || (begins(b"$") && extension == "msh") {
         Ok(gmsh::read)
     } else if first_word.is_some_and(|w| w.starts_with(medit::MAGIC)) {
         Ok(medit::read)
+    } else if abaqus::begins(bytes) {
+        Ok(abaqus::read)
     } else {
         // Nothing known at the start: the reader its name asks for says what it expected.
         match extension {
@@ -129,28 +148,11 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
             "vtu" => Ok(vtu::read),
             "msh" => Ok(gmsh::read),
             "mesh" => Ok(medit::read),
+            "inp" => Ok(abaqus::read),
             _ => Err(format!(
                 "neither the content nor the extension is of a known format; Palpate reads {READABLE}"
             )),
         }
-    }
-}
-
-/// Writes a mesh with all its fields as `.vtu` (appended raw data, zlib-compressed), in one go:
-/// the file is either whole or not there. What is written reads back identical (fields of the
-/// nodes first, then those of the cells; a field whose values its number type cannot hold is
-/// written as Float64).
-///
-/// # Errors
-/// Another extension, a mesh whose fields do not fit it, or the file cannot be written.
-pub fn write(path: impl AsRef<Path>, mesh: &TetMesh) -> Result<()> {
-    let path = path.as_ref();
-    match extension(path).as_str() {
-        "vtu" => vtu_write::write(path, mesh, &mesh.nodes, &[]),
-        other => Err(Error::Input(format!(
-            "{}: meshes are written as .vtu, not as \".{other}\"",
-            path.display()
-        ))),
     }
 }
 
@@ -172,11 +174,16 @@ fn content(path: &Path) -> Result<Vec<u8>> {
         return Err(Error::format(path, "this is not a regular file"));
     }
     let mut bytes = std::fs::read(path).map_err(Error::io(path))?;
-    if bytes.starts_with(BYTE_ORDER_MARK) {
-        bytes.drain(..BYTE_ORDER_MARK.len());
-    }
-    if bytes.trim_ascii().is_empty() {
-        return Err(Error::format(path, "the file is empty"));
-    }
+    let length = content_of(path, &bytes)?.len();
+    bytes.drain(..bytes.len() - length);
     Ok(bytes)
+}
+
+/// `bytes`, the content of `path`, without a byte order mark; they are not empty.
+fn content_of<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8]> {
+    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+    match bytes.trim_ascii().is_empty() {
+        true => Err(Error::format(path, "the file is empty")),
+        false => Ok(bytes),
+    }
 }

@@ -156,7 +156,7 @@ pub(super) fn parse(bytes: &[u8]) -> super::cursor::Parse<Vec<Frame>> {
             Event::Eof => return Ok(frames),
             _ => continue,
         };
-        let value = |name| super::vtu::attribute(tag, name);
+        let value = |name| super::vtu_tags::attribute(tag, name);
         match tag.name().as_ref() {
             b"VTKFile" if value("type").as_deref() != Some("Collection") => {
                 return Err(format!(

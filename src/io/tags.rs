@@ -43,4 +43,25 @@ impl Tags {
         }
         self.index.get(&tag).map(|i| *i as usize)
     }
+
+    /// Passes over the next index, which has no tag of its own: another index has it.
+    pub fn push_unnamed(&mut self) {
+        if self.index.is_empty() {
+            self.index = (0..self.count)
+                .map(|i| (self.first + i, i as u32))
+                .collect();
+        }
+        self.count += 1;
+    }
+}
+
+/// What is said of elements whose number others had before.
+pub(super) fn repeated_numbers(count: usize) -> String {
+    let (elements, have) = match count {
+        1 => ("element", "has"),
+        _ => ("elements", "have"),
+    };
+    format!(
+        "{count} {elements} {have} the number of another element; all are kept, and what is told by number is the first one's"
+    )
 }

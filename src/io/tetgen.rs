@@ -6,15 +6,16 @@
 
 use super::cells::RawMesh;
 use super::cursor::{Cursor, Parse, integer, number};
-use super::tags::Tags;
+use super::remarks::Remarks;
+use super::tags::{Tags, repeated_numbers};
 use crate::mesh::{Field, Location, ScalarType};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::fmt::Arguments;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Reads the pair of files that `path` (`x.node` or `x.ele`) belongs to.
-pub(super) fn read(path: &Path) -> Result<RawMesh> {
+/// The pair of files, `.node` and `.ele`, that `path` belongs to.
+pub(super) fn pair(path: &Path) -> (PathBuf, PathBuf) {
     let file = |extension: &str| {
         let upper = path
             .extension()
@@ -25,11 +26,15 @@ pub(super) fn read(path: &Path) -> Result<RawMesh> {
             extension.into()
         })
     };
+    (file("node"), file("ele"))
+}
+
+/// Reads the pair of files that `path` (`x.node` or `x.ele`) belongs to.
+pub(super) fn read(path: &Path) -> Result<RawMesh> {
     let mut mesh = RawMesh::default();
-    let node_path = file("node");
+    let (node_path, ele_path) = pair(path);
     let nodes = super::content(&node_path)?;
     let tags = read_nodes(&nodes, &mut mesh).map_err(|e| Error::format(&node_path, e))?;
-    let ele_path = file("ele");
     let elements = super::content(&ele_path)?;
     read_elements(&elements, &tags, &mut mesh).map_err(|e| Error::format(&ele_path, e))?;
     Ok(mesh)
@@ -157,6 +162,11 @@ pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
     }
     no_more(&mut at, count, "nodes")?;
     let markers = extra.split_off(attributes);
+    let remarks = Remarks::read(bytes, "# ");
+    if let Some(fields) = remarks.fields(Location::Node, &extra) {
+        mesh.fields.extend(fields);
+        extra.clear();
+    }
     for (i, values) in extra.into_iter().enumerate() {
         let name = format!("tetgen:attr{}", i + 1);
         mesh.fields
@@ -181,9 +191,15 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
     let attributes = columns(&header, 2, 1 << 12, "attributes")?;
     let node = |token: &[u8]| tags.get(integer(token)? as u64);
     let mut extra = vec![Vec::new(); attributes];
+    let (mut numbers, mut repeated) = (Tags::default(), 0);
     for i in 0..count {
         let what = format_args!("tetrahedron {i} of {count} (counted from 0)");
         let row = Row::read(&mut at, 1 + corners + attributes, what)?;
+        let tag = row.value(&at, 0, format_args!("the number of {what}"), integer)?;
+        if !numbers.push(tag as u64) {
+            numbers.push_unnamed();
+            repeated += 1;
+        }
         let mut tet = [0; 10];
         for (k, corner) in tet[..corners].iter_mut().enumerate() {
             let wanted = format_args!("a node of {what} that is in the .node file");
@@ -196,6 +212,18 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
         mesh.cells.push(kind, tet[..corners].iter().copied());
     }
     no_more(&mut at, count, "tetrahedra")?;
+    if repeated > 0 {
+        mesh.warnings.push(repeated_numbers(repeated));
+    }
+    let remarks = Remarks::read(bytes, "# ");
+    if let Some(groups) = extra.first() {
+        remarks.add_to(mesh, groups);
+    }
+    let regions = usize::from(!remarks.regions.is_empty()).min(extra.len());
+    if let Some(fields) = remarks.fields(Location::Cell, &extra[regions..]) {
+        mesh.fields.extend(fields);
+        extra.truncate(regions);
+    }
     keep_labels(mesh, Location::Cell, extra);
     Ok(())
 }

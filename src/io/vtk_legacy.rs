@@ -7,6 +7,8 @@
 use super::cells::RawMesh;
 use super::cursor::{Cursor, Parse};
 use super::vtk_legacy_data::Values;
+use super::vtk_legacy_names::decoded;
+use super::vtk_regions::Global;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
@@ -47,6 +49,7 @@ struct File<'a> {
     /// Whose attributes are being read, and how many tuples they have; `None` before
     /// POINT_DATA and CELL_DATA, where arrays belong to the file as a whole.
     owner: Option<(Location, usize)>,
+    global: Global,
 }
 
 impl<'a> File<'a> {
@@ -96,6 +99,7 @@ impl<'a> File<'a> {
             kinds: None,
             polygonal: kind == "POLYDATA",
             owner: None,
+            global: Global::default(),
         })
     }
 
@@ -348,7 +352,12 @@ impl<'a> File<'a> {
                 Some((location, items)) => self.mesh.warnings.push(format!(
                     "array \"{name}\" is left out: it has {tuples} tuples, but there are {items} {location}"
                 )),
-                None => {} // belongs to the file, not to nodes or cells
+                // Of the mesh as a whole.
+                None => {
+                    if let Some((values, _)) = values {
+                        self.global.array(&name, &values);
+                    }
+                }
             }
         }
         Ok(())
@@ -395,22 +404,7 @@ impl<'a> File<'a> {
             ));
         }
         mesh.add_cells(&kinds, &nodes, &ends, 0)?;
+        self.global.add_to(&mut mesh);
         Ok(mesh)
     }
-}
-
-/// VTK writes names with %XX for what is not plain text.
-fn decoded(name: &str) -> String {
-    let bytes = name.as_bytes();
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut i = 0;
-    while i < bytes.len() {
-        let code = (bytes[i] == b'%')
-            .then(|| name.get(i + 1..i + 3))
-            .flatten()
-            .and_then(|hex| u8::from_str_radix(hex, 16).ok());
-        out.push(code.unwrap_or(bytes[i]));
-        i += if code.is_some() { 3 } else { 1 };
-    }
-    String::from_utf8_lossy(&out).into_owned()
 }

@@ -90,17 +90,17 @@ impl<'a> Values<'a> {
             .checked_mul(components)
             .ok_or_else(|| self.too_many(of))?;
         let scalar = match kind.to_ascii_lowercase().as_str() {
-            "char" | "signed_char" => ScalarType::I8,
-            "unsigned_char" => ScalarType::U8,
-            "short" => ScalarType::I16,
-            "unsigned_short" => ScalarType::U16,
+            "char" | "signed_char" | "vtktypeint8" => ScalarType::I8,
+            "unsigned_char" | "vtktypeuint8" => ScalarType::U8,
+            "short" | "vtktypeint16" => ScalarType::I16,
+            "unsigned_short" | "vtktypeuint16" => ScalarType::U16,
             // vtkIdType is written with 32 bits whatever its width in memory.
-            "int" | "vtkidtype" => ScalarType::I32,
-            "unsigned_int" => ScalarType::U32,
+            "int" | "vtkidtype" | "vtktypeint32" => ScalarType::I32,
+            "unsigned_int" | "vtktypeuint32" => ScalarType::U32,
             "long" | "vtktypeint64" => ScalarType::I64,
             "unsigned_long" | "vtktypeuint64" => ScalarType::U64,
-            "float" => ScalarType::F32,
-            "double" => ScalarType::F64,
+            "float" | "vtktypefloat32" => ScalarType::F32,
+            "double" | "vtktypefloat64" => ScalarType::F64,
             "bit" => return self.bits(count, of).map(Some),
             "string" | "utf8_string" => return self.skip_strings(count, of).map(|()| None),
             _ => {

@@ -8,8 +8,9 @@
 use super::cells::{RawMesh, index};
 use super::cursor::Parse;
 use super::scalar;
+use super::vtk_regions::{self, Global};
 use super::vtu_data::{Layout, Source, numbers};
-use super::vtu_regions::Global;
+use super::vtu_tags::{Array, array, attribute, count, layout, name_of};
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 use quick_xml::Reader;
@@ -19,7 +20,7 @@ use quick_xml::events::{BytesStart, Event};
 pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
     let outline = Outline::read(bytes)?;
     let mut mesh = RawMesh::default();
-    outline.global.add_to(&mut mesh);
+    outline.global().add_to(&mut mesh);
     for (number, piece) in outline.pieces.iter().enumerate() {
         outline
             .add_piece(piece, number > 0, &mut mesh)
@@ -36,8 +37,8 @@ struct Outline<'a> {
     file: &'a [u8],
     layout: Layout,
     pieces: Vec<Piece>,
-    /// What is told of the mesh as a whole.
-    global: Global,
+    /// What is told of the mesh as a whole, each with its number of tuples.
+    global: Vec<(Array, Option<usize>)>,
     appended: Option<Source<'a>>,
 }
 
@@ -46,19 +47,6 @@ struct Piece {
     points: usize,
     cells: usize,
     arrays: Vec<Array>,
-}
-
-/// A `<DataArray>` tag.
-struct Array {
-    /// The tag around it: Points, Cells, PointData or CellData.
-    section: String,
-    name: String,
-    type_name: String,
-    components: usize,
-    format: String,
-    offset: Option<usize>,
-    /// Where in the file its own text is.
-    text: std::ops::Range<usize>,
 }
 
 impl<'a> Outline<'a> {
@@ -72,7 +60,7 @@ impl<'a> Outline<'a> {
                 zlib: false,
             },
             pieces: Vec::new(),
-            global: Global::default(),
+            global: Vec::new(),
             appended: None,
         };
         let mut open: Vec<String> = Vec::new();
@@ -98,7 +86,12 @@ impl<'a> Outline<'a> {
                     open.pop();
                 }
                 Event::Text(text) if open.iter().rev().nth(1).is_some_and(|t| t == "FieldData") => {
-                    outline.global.text(&text);
+                    if let Some((array, _)) = outline.global.last_mut()
+                        && array.text.is_empty()
+                        && !text.trim_ascii().is_empty()
+                    {
+                        array.text = before..before + text.len();
+                    }
                 }
                 Event::Text(text)
                     if open.last().is_some_and(|t| t == "DataArray")
@@ -142,26 +135,12 @@ impl<'a> Outline<'a> {
                 arrays: Vec::new(),
             }),
             ("DataArray" | "Array", "FieldData") => {
-                let format = attribute(tag, "format").unwrap_or_default();
-                let name = attribute(tag, "Name").filter(|_| format == "ascii");
-                self.global.array(name.unwrap_or_default());
+                let array = array(tag, parent)?;
+                let tuples = attribute(tag, "NumberOfTuples").and_then(|n| n.trim().parse().ok());
+                self.global.push((array, tuples));
             }
             ("DataArray" | "Array", "Points" | "Cells" | "PointData" | "CellData") => {
-                let array = Array {
-                    section: parent.to_string(),
-                    name: attribute(tag, "Name").unwrap_or_else(|| "unnamed".into()),
-                    type_name: attribute(tag, "type").unwrap_or_default(),
-                    components: match attribute(tag, "NumberOfComponents") {
-                        None => 1,
-                        Some(_) => count(tag, "NumberOfComponents")?,
-                    },
-                    format: attribute(tag, "format").unwrap_or_else(|| "ascii".into()),
-                    offset: match attribute(tag, "offset") {
-                        None => None,
-                        Some(_) => Some(count(tag, "offset")?),
-                    },
-                    text: 0..0,
-                };
+                let array = array(tag, parent)?;
                 if let Some(piece) = self.pieces.last_mut() {
                     piece.arrays.push(array);
                 }
@@ -202,6 +181,30 @@ impl<'a> Outline<'a> {
             }
         });
         Ok(())
+    }
+
+    /// What the arrays of the whole mesh tell; those that cannot be read tell nothing.
+    fn global(&self) -> Global {
+        let mut global = Global::default();
+        for (array, tuples) in &self.global {
+            if !vtk_regions::is_known(&array.name) {
+                continue;
+            }
+            if array.format == "ascii" {
+                // Numbers, or the bytes of strings.
+                let text = String::from_utf8_lossy(&self.file[array.text.clone()]);
+                let numbers: Vec<f64> = text
+                    .split_whitespace()
+                    .map_while(|word| word.parse().ok())
+                    .collect();
+                global.array(&array.name, &numbers);
+            } else if let Some(tuples) = tuples
+                && let Ok((numbers, _)) = self.values(array, *tuples)
+            {
+                global.array(&array.name, &numbers);
+            }
+        }
+        global
     }
 
     fn add_piece(&self, piece: &Piece, later: bool, mesh: &mut RawMesh) -> Parse<()> {
@@ -351,60 +354,4 @@ fn ends(offsets: &[f64]) -> Parse<Vec<usize>> {
             Ok(last)
         })
         .collect()
-}
-
-fn layout(tag: &BytesStart) -> Parse<Layout> {
-    let kind = attribute(tag, "type").unwrap_or_default();
-    if kind != "UnstructuredGrid" {
-        return Err(format!(
-            "this VTK file holds {kind:?}, expected \"UnstructuredGrid\" (a mesh of cells)"
-        ));
-    }
-    let compressor = attribute(tag, "compressor").unwrap_or_default();
-    Ok(Layout {
-        big_endian: match attribute(tag, "byte_order").as_deref() {
-            Some("LittleEndian") | None => false,
-            Some("BigEndian") => true,
-            Some(other) => return Err(format!("unknown byte_order {other:?}")),
-        },
-        wide_headers: match attribute(tag, "header_type").as_deref() {
-            Some("UInt32") | None => false,
-            Some("UInt64") => true,
-            Some(other) => return Err(format!("unknown header_type {other:?}")),
-        },
-        zlib: match compressor.as_str() {
-            "" => false,
-            "vtkZLibDataCompressor" => true,
-            other => {
-                return Err(format!(
-                    "the data is compressed by {other}; only vtkZLibDataCompressor is read (in ParaView, save with compressor ZLib or none)"
-                ));
-            }
-        },
-    })
-}
-
-fn name_of(tag: &BytesStart) -> String {
-    String::from_utf8_lossy(tag.name().as_ref()).into_owned()
-}
-
-/// An attribute's value. VTK does not escape what XML wants escaped, so a value that cannot be
-/// unescaped is taken as it stands.
-pub(super) fn attribute(tag: &BytesStart, name: &str) -> Option<String> {
-    let attribute = tag.try_get_attribute(name).ok()??;
-    Some(match attribute.unescape_value() {
-        Ok(value) => value.into_owned(),
-        Err(_) => String::from_utf8_lossy(&attribute.value).into_owned(),
-    })
-}
-
-fn count(tag: &BytesStart, name: &str) -> Parse<usize> {
-    let value = attribute(tag, name)
-        .ok_or_else(|| format!("<{}> has no attribute {name}", name_of(tag)))?;
-    value.trim().parse().map_err(|_| {
-        format!(
-            "<{}> has {name}=\"{value}\", expected a whole number",
-            name_of(tag)
-        )
-    })
 }

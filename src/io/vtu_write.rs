@@ -1,7 +1,8 @@
 //! Writer for VTK's XML unstructured grids: appended raw data in zlib-compressed blocks,
 //! little-endian, UInt64 headers; what VTK and ParaView write by default.
 
-use super::{scalar, vtu_regions};
+use super::scalar;
+use super::vtk_regions::{self, Values};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::{Error, Result};
 use flate2::Compression;
@@ -41,7 +42,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field
     let mut appended = Vec::new();
     let mut head = format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n{}<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
-        vtu_regions::tags(mesh),
+        global(mesh),
         nodes.len(),
         mesh.tets.len()
     );
@@ -128,6 +129,28 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field
     })
 }
 
+/// The tags that tell of the mesh as a whole; nothing where nothing is known.
+fn global(mesh: &TetMesh) -> String {
+    let tags: String = vtk_regions::arrays(mesh)
+        .into_iter()
+        .map(|(name, values)| {
+            let (kind, count, text) = match values {
+                Values::Real(value) => ("Float64", 1, value.to_string()),
+                Values::Labels(labels) => {
+                    let words: Vec<String> = labels.iter().map(i64::to_string).collect();
+                    ("Int64", labels.len(), words.join(" "))
+                }
+            };
+            let name = escaped(&name);
+            format!("<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfTuples=\"{count}\" format=\"ascii\">{text}</DataArray>\n")
+        })
+        .collect();
+    match tags.is_empty() {
+        true => tags,
+        false => format!("<FieldData>\n{tags}</FieldData>\n"),
+    }
+}
+
 /// Adds the tag of one array to `head` and its compressed bytes to `appended`.
 fn array(
     head: &mut String,
@@ -137,8 +160,13 @@ fn array(
     components: usize,
     data: &[u8],
 ) -> Result<()> {
+    // One component goes without saying; meshio would make a matrix of it.
+    let width = match components {
+        1 => String::new(),
+        _ => format!(" NumberOfComponents=\"{components}\""),
+    };
     *head += &format!(
-        "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{components}\" format=\"appended\" offset=\"{}\"/>\n",
+        "<DataArray type=\"{}\" Name=\"{}\"{width} format=\"appended\" offset=\"{}\"/>\n",
         scalar::vtk_xml_name(kind),
         escaped(name),
         appended.len()
@@ -162,7 +190,7 @@ fn array(
 }
 
 /// `text` as the value of an XML attribute; white space other than blanks would be changed by
-/// a reader if it stood there as it is.
+/// a reader if it stood there as it is, and what XML has no place for becomes U+FFFD.
 pub(super) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -170,6 +198,7 @@ pub(super) fn escaped(text: &str) -> String {
             '<' | '>' | '&' | '"' | '\'' | '\t' | '\n' | '\r' => {
                 out += &format!("&#{};", u32::from(c));
             }
+            '\0'..' ' | '\u{fffe}' | '\u{ffff}' => out.push('\u{fffd}'),
             _ => out.push(c),
         }
     }

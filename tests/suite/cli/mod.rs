@@ -1,6 +1,7 @@
 //! The command line, as a user runs it.
 
 mod bake;
+mod convert;
 mod mesh;
 mod pick;
 

@@ -32,6 +32,7 @@ pub fn all() -> Vec<Fixture> {
         all.push(gmsh(version, binary, big));
     }
     all.extend([tetgen(0), tetgen(1), tetgen(17), medit(false), medit(true)]);
+    all.extend(crate::io::encode_others::all());
     all
 }
 

@@ -22,7 +22,7 @@ fn what_is_no_mesh_file() {
     assert!(of("").contains("folder"));
     assert!(message("a.vtk", " \n").contains("empty"));
     let unknown = message("a.xyz", "hello");
-    for format in ["VTK", ".vtu", "Gmsh", "TetGen", "Medit"] {
+    for format in ["VTK", ".vtu", "Gmsh", "TetGen", "Medit", "Abaqus"] {
         assert!(unknown.contains(format), "{unknown}");
     }
     assert!(message("a.vtu", "hello").contains("no <VTKFile>"));
@@ -260,7 +260,7 @@ fn damage_is_told_with_its_place() {
             "node 1 comes twice, in different places",
         ),
         ("a.msh", GMSH_2, "1 4 2 1", "1 444 2 1", "element type 444"),
-        ("a.msh", GMSH_2, "2.2 0 8", "1.0 0 8", "version 1.0"),
+        ("a.msh", GMSH_2, "2.2 0 8", "3.0 0 8", "version 3.0"),
         ("a.msh", GMSH_4, "1 1 2 3 4", "1 1 2 3 x", "found \"x\""),
         (
             "a.mesh",

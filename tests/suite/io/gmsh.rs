@@ -25,15 +25,32 @@ fn a_mesh_repeated_before_each_view_is_read_once() {
             [0.5, 1.5, 2.5, 3.5]
         );
     }
-    let other = GMSH_2.replace("1 4 2 1 1 1 2 3 4", "1 4 2 1 1 4 3 2 1");
-    let error = Bench::new()
-        .read("a.msh", format!("{GMSH_2}{other}").as_bytes())
-        .unwrap_err();
+}
+
+#[test]
+fn an_element_with_a_number_that_is_taken_is_kept_and_counted() {
+    let six = GMSH_2
+        .replace("$Nodes\n4", "$Nodes\n5")
+        .replace("$EndNodes", "5 0 0 -1\n$EndNodes")
+        .replace("$Elements\n1", "$Elements\n3")
+        .replace(
+            "$EndElements",
+            "1 4 2 2 1 1 3 2 5\n2 4 2 1 1 1 2 3 4\n$EndElements",
+        );
+    let data = "$ElementData\n1\n\"heat\"\n1\n0.5\n3\n0\n1\n2\n1 0.5\n2 1.5\n$EndElementData\n";
+    let mesh = read(&format!("{six}{data}"));
+    // The third is the first again, under another number.
+    assert_eq!((mesh.tets.len(), mesh.repairs.repeated), (2, 1));
+    let groups = mesh.field("gmsh:physical", Location::Cell).unwrap();
+    assert_eq!(groups.values, [1.0, 2.0]);
+    let warnings = mesh.repairs.warnings.join("\n");
     assert!(
-        error
-            .to_string()
-            .contains("element 1 comes twice, with different nodes"),
-        "{error}"
+        warnings.contains("1 element has the number of another"),
+        "{warnings}"
+    );
+    assert!(
+        warnings.contains("\"heat\" is left out: 1 of the 3"),
+        "{warnings}"
     );
 }
 

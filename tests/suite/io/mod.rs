@@ -1,10 +1,13 @@
 //! Reading and writing meshes. Tests in `data` read real files.
 
+mod abaqus;
 mod cells;
 mod data;
 mod encode;
+mod encode_others;
 mod errors;
 mod gmsh;
+mod parse;
 mod robust;
 mod sample;
 mod surfaces;
@@ -14,3 +17,4 @@ mod volumes;
 #[cfg(feature = "dicom")]
 mod volumes_dicom;
 mod write;
+mod writers;

@@ -112,7 +112,7 @@ COLOR_SCALARS rgb 3\n0 0.5 1 0 0 0 1 1 1 0.2 0.4 0.6
 NORMALS n float\n1 0 0 0 1 0 0 0 1 0 0 1
 TENSORS t double\n1 2 3 4 5 6 7 8 9 1 2 3 4 5 6 7 8 9 1 2 3 4 5 6 7 8 9 1 2 3 4 5 6 7 8 9
 TEXTURE_COORDINATES uv 2 float\n0 0 1 0 0 1 1 1
-GLOBAL_IDS id vtkIdType\n5 6 7 8
+GLOBAL_IDS id vtktypeint32\n5 6 7 8
 FIELD more 3\na%20b 1 4 long\n1 2 3 4\nshort 1 3 int\n1 2 3\nnames 1 4 string\na b\nc\n%20\nd
 ",
     );

@@ -1,0 +1,418 @@
+//! Reader for Abaqus input files (`.inp`), which CalculiX reads too: nodes, elements with volume
+//! or without, and sets.
+//!
+//! Element sets become regions: the field `label` counts them from 1, and their names are those
+//! of the regions (see [`super::abaqus_sets`]). Node sets become fields `nset:NAME` of 0 and 1.
+//! A file of one part is read, with or without an assembly around it; what is not of the mesh
+//! (materials, steps, contacts) is passed over.
+
+use super::abaqus_elements::{Shape, shape};
+use super::abaqus_lines::{Card, members, shown, tag};
+use super::abaqus_sets::{Member, Sets};
+use super::cells::RawMesh;
+use super::cursor::{Parse, number};
+use super::remarks::Remarks;
+use super::tags::{Tags, repeated_numbers};
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// Whether `bytes` begin with a keyword that an input file begins with, after comments.
+pub(super) fn begins(bytes: &[u8]) -> bool {
+    let mut lines = bytes.split(|b| *b == b'\n').map(<[u8]>::trim_ascii);
+    let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"**"));
+    let word = first.and_then(|line| line.split(|b| *b == b',').next());
+    let word = word.unwrap_or_default().trim_ascii().to_ascii_uppercase();
+    [&b"*HEADING"[..], b"*NODE", b"*PART"].contains(&word.as_slice())
+}
+
+/// Reads the content of an `.inp` file.
+pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+    let mut file = File::default();
+    // A keyword line that ends with a comma goes on in the next line.
+    let mut open: Option<(usize, String)> = None;
+    for (line, text) in (1..).zip(bytes.split(|b| *b == b'\n')) {
+        let text = text.trim_ascii();
+        if text.is_empty() || text.starts_with(b"**") {
+            continue;
+        }
+        let words = || String::from_utf8_lossy(text);
+        let goes_on = |whole: &String| {
+            let word = text[0].is_ascii_alphabetic() || text[0] == b'"';
+            word && whole.ends_with(',') && whole.len() < LONGEST_KEYWORD
+        };
+        match &mut open {
+            Some((_, whole)) if goes_on(whole) => whole.push_str(&words()),
+            _ => {
+                file.keyword(open.take())?;
+                if text.starts_with(b"*") {
+                    open = Some((line, words().into_owned()));
+                } else {
+                    file.data(text).map_err(|e| format!("line {line}: {e}"))?;
+                }
+            }
+        }
+    }
+    file.keyword(open)?;
+    file.finish(bytes)
+}
+
+/// Characters of a keyword with all its lines.
+const LONGEST_KEYWORD: usize = 1 << 14;
+
+/// What the data lines that follow are.
+#[derive(Default)]
+enum Section {
+    #[default]
+    Other,
+    Nodes {
+        first: usize,
+        set: Option<String>,
+    },
+    Elements {
+        shape: Shape,
+        first: usize,
+        set: Option<String>,
+    },
+    /// Of element types that are not known, by name.
+    UnknownElements(String),
+    NodeSet {
+        name: String,
+        generate: bool,
+    },
+    ElementSet {
+        name: String,
+        generate: bool,
+    },
+    Instance,
+}
+
+/// Where a keyword stands.
+#[derive(Clone, Copy, Default, PartialEq)]
+enum Scope {
+    /// In a file without parts, or outside of them.
+    #[default]
+    Flat,
+    /// In the n-th part, or instance with nodes of its own.
+    Part(usize),
+    Assembly,
+}
+
+#[derive(Default)]
+struct File {
+    section: Section,
+    scope: Scope,
+    parts: usize,
+    instances: usize,
+    moved: bool,
+    /// Where the nodes are.
+    home: Option<Scope>,
+    nodes: Vec<DVec3>,
+    node_tags: Tags,
+    node_numbers: Vec<u64>,
+    elements: Vec<(Shape, u64)>,
+    /// The node numbers of all elements: nodes may come after them.
+    corners: Vec<u64>,
+    /// The element whose nodes go on in the next line.
+    open: Vec<u64>,
+    unknown: BTreeMap<String, usize>,
+    node_sets: Sets,
+    element_sets: Sets,
+    /// Element sets that sections of solids name.
+    sections: Vec<String>,
+    /// Element sets that *ELEMENT names.
+    cards: Vec<String>,
+}
+
+impl File {
+    /// A keyword, if one has come, and the line where it starts.
+    fn keyword(&mut self, keyword: Option<(usize, String)>) -> Parse<()> {
+        let Some((line, text)) = keyword else {
+            return Ok(());
+        };
+        let begun = self
+            .end_section()
+            .and_then(|()| self.begin(&Card::new(&text)));
+        begun.map_err(|e| format!("line {line}: {e}"))
+    }
+
+    fn begin(&mut self, card: &Card) -> Parse<()> {
+        if matches!(card.keyword.as_str(), "NODE" | "ELEMENT" | "NSET" | "ELSET")
+            && let Some(file) = card.get("INPUT")
+        {
+            return Err(format!(
+                "*{} reads the file {file}; Palpate reads one file: put its content here",
+                card.keyword
+            ));
+        }
+        self.section = match card.keyword.as_str() {
+            "NODE" => self.nodes_card(card)?,
+            "ELEMENT" => self.elements_card(card)?,
+            "NSET" | "ELSET" => self.set_card(card)?,
+            "SOLID SECTION" => {
+                self.sections.extend(card.set("ELSET").map(str::to_owned));
+                Section::Other
+            }
+            "PART" => {
+                self.parts += 1;
+                self.scope = Scope::Part(self.parts);
+                Section::Other
+            }
+            "INSTANCE" => {
+                self.instances += 1;
+                // Its nodes, if it has any, are a part of their own.
+                self.scope = Scope::Part(self.parts + self.instances);
+                Section::Instance
+            }
+            "ASSEMBLY" | "END INSTANCE" => {
+                self.scope = Scope::Assembly;
+                Section::Other
+            }
+            "END PART" | "END ASSEMBLY" => {
+                self.scope = Scope::Flat;
+                Section::Other
+            }
+            "INCLUDE" => {
+                return Err(format!(
+                    "*INCLUDE names the file {}; Palpate reads one file: put its content here",
+                    card.get("INPUT").unwrap_or("?")
+                ));
+            }
+            "NGEN" | "NFILL" | "NCOPY" | "NMAP" | "ELGEN" | "ELCOPY" | "SYSTEM" => {
+                return Err(format!(
+                    "*{} is not read; write out all nodes and elements, in plain coordinates",
+                    card.keyword
+                ));
+            }
+            _ => Section::Other,
+        };
+        Ok(())
+    }
+
+    /// Whether what comes belongs to the mesh; not if it is a reference point of an assembly.
+    fn at_home(&mut self) -> Parse<bool> {
+        if self.scope == Scope::Assembly && self.parts + self.instances > 0 {
+            return Ok(false);
+        }
+        match self.home.replace(self.scope) {
+            Some(home) if home != self.scope => Err(
+                "there are several parts with nodes of their own; Palpate reads one part".into(),
+            ),
+            _ => Ok(true),
+        }
+    }
+
+    fn nodes_card(&mut self, card: &Card) -> Parse<Section> {
+        if let Some(system) = card.get("SYSTEM").filter(|s| !s.eq_ignore_ascii_case("R")) {
+            return Err(format!(
+                "*NODE is in the coordinate system {system}; only rectangular coordinates are read"
+            ));
+        }
+        Ok(match self.at_home()? {
+            false => Section::Other,
+            true => Section::Nodes {
+                first: self.nodes.len(),
+                set: card.set("NSET").map(str::to_owned),
+            },
+        })
+    }
+
+    fn elements_card(&mut self, card: &Card) -> Parse<Section> {
+        let name = card.set("TYPE").ok_or("*ELEMENT has no TYPE")?;
+        let name = name.to_ascii_uppercase();
+        if !self.at_home()? {
+            return Ok(Section::Other);
+        }
+        Ok(match shape(&name) {
+            None => Section::UnknownElements(name),
+            Some(shape) => Section::Elements {
+                shape,
+                first: self.elements.len(),
+                set: card.set("ELSET").map(str::to_owned),
+            },
+        })
+    }
+
+    fn set_card(&mut self, card: &Card) -> Parse<Section> {
+        let kind = &card.keyword;
+        let name = card.set(kind);
+        let name = name
+            .ok_or_else(|| format!("*{kind} has no name; {kind}=NAME is expected"))?
+            .to_owned();
+        // In an assembly, sets without an instance are of its own reference points.
+        let in_assembly = self.scope == Scope::Assembly && self.parts + self.instances > 0;
+        if (in_assembly && card.get("INSTANCE").is_none()) || card.get("INTERNAL").is_some() {
+            return Ok(Section::Other);
+        }
+        let generate = card.get("GENERATE").is_some();
+        Ok(match kind.as_str() {
+            "NSET" => {
+                self.node_sets.begin(&name);
+                Section::NodeSet { name, generate }
+            }
+            _ => {
+                self.element_sets.begin(&name);
+                Section::ElementSet { name, generate }
+            }
+        })
+    }
+
+    fn data(&mut self, text: &[u8]) -> Parse<()> {
+        let words = text.split(|b| *b == b',').map(<[u8]>::trim_ascii);
+        match &self.section {
+            Section::Other => Ok(()),
+            Section::Instance => {
+                self.moved = true;
+                Ok(())
+            }
+            Section::UnknownElements(name) => {
+                *self.unknown.entry(name.clone()).or_default() += 1;
+                Ok(())
+            }
+            Section::Nodes { .. } => self.node(words),
+            Section::Elements { shape, .. } => {
+                let shape = *shape;
+                self.element(shape, words)
+            }
+            Section::NodeSet { name, generate } => {
+                self.node_sets.add(name, members(words, *generate)?);
+                Ok(())
+            }
+            Section::ElementSet { name, generate } => {
+                self.element_sets.add(name, members(words, *generate)?);
+                Ok(())
+            }
+        }
+    }
+
+    fn node<'a>(&mut self, mut words: impl Iterator<Item = &'a [u8]>) -> Parse<()> {
+        let tag = tag(words.next().unwrap_or_default(), "the number of a node")?;
+        let mut position = [0.0; 3];
+        for (axis, value) in ["x", "y", "z"].iter().zip(&mut position) {
+            // Coordinates that are not given are 0.
+            let word = words.next().unwrap_or_default();
+            if !word.is_empty() {
+                *value = number(word)
+                    .ok_or_else(|| format!("{axis} of node {tag} is {}, no number", shown(word)))?;
+            }
+        }
+        let position = DVec3::from_array(position);
+        if self.node_tags.push(tag) {
+            self.nodes.push(position);
+            self.node_numbers.push(tag);
+        } else if self.node_tags.get(tag).map(|i| self.nodes[i]) != Some(position) {
+            return Err(format!("node {tag} comes twice, in different places"));
+        }
+        Ok(())
+    }
+
+    fn element<'a>(&mut self, shape: Shape, words: impl Iterator<Item = &'a [u8]>) -> Parse<()> {
+        for word in words.filter(|word| !word.is_empty()) {
+            if self.open.len() > shape.nodes {
+                return Err(format!(
+                    "element {} has more than its {} nodes",
+                    self.open[0], shape.nodes
+                ));
+            }
+            self.open
+                .push(tag(word, "the number of an element or node")?);
+        }
+        if self.open.len() == 1 + shape.nodes {
+            self.elements.push((shape, self.open[0]));
+            self.corners.extend(&self.open[1..]);
+            self.open.clear();
+        }
+        Ok(())
+    }
+
+    fn end_section(&mut self) -> Parse<()> {
+        match std::mem::take(&mut self.section) {
+            Section::Nodes { first, set } => {
+                if let Some(set) = set {
+                    let all = Member::Items(first..self.nodes.len());
+                    self.node_sets.add(&set, vec![all]);
+                }
+            }
+            Section::Elements { shape, first, set } => {
+                if let Some(element) = self.open.first() {
+                    return Err(format!(
+                        "element {element} before this line lists {} nodes of its {}",
+                        self.open.len() - 1,
+                        shape.nodes
+                    ));
+                }
+                if let Some(set) = set {
+                    let all = Member::Items(first..self.elements.len());
+                    self.element_sets.add(&set, vec![all]);
+                    self.cards.push(set);
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, bytes: &[u8]) -> Parse<RawMesh> {
+        self.end_section()
+            .map_err(|e| format!("the file ends early: {e}"))?;
+        if self.nodes.is_empty() {
+            return Err("there is no *NODE with nodes in the file".into());
+        }
+        if self.elements.is_empty() && self.unknown.is_empty() {
+            return Err("there is no *ELEMENT with elements in the file".into());
+        }
+        let mut mesh = RawMesh::default();
+        let mut tags = Tags::default();
+        let mut repeated = 0;
+        let mut corners = self.corners.iter();
+        for (shape, element) in &self.elements {
+            let mut cell = [0; super::abaqus_elements::MOST_NODES];
+            for (place, node) in cell[..shape.nodes].iter_mut().zip(&mut corners) {
+                *place = self.node_tags.get(*node).ok_or_else(|| {
+                    format!("element {element} refers to node {node}, which is not in the file")
+                })?;
+            }
+            if !tags.push(*element) {
+                tags.push_unnamed();
+                repeated += 1;
+            }
+            mesh.cells
+                .push(shape.kind, cell[..shape.nodes].iter().copied());
+        }
+        if repeated > 0 {
+            mesh.warnings.push(repeated_numbers(repeated));
+        }
+        self.warn(&mut mesh.warnings);
+        let remarks = Remarks::read(bytes, "** ");
+        remarks.check_counts(self.nodes.len(), self.elements.len())?;
+        let numbers: Vec<u64> = self.elements.iter().map(|e| e.1).collect();
+        mesh.nodes = self.nodes;
+        let budget = bytes.len();
+        let resolved = self.element_sets.resolve(&tags, &numbers, budget)?;
+        resolved.regions(&mut mesh, &remarks, &self.sections, &self.cards);
+        let resolved = self
+            .node_sets
+            .resolve(&self.node_tags, &self.node_numbers, budget)?;
+        resolved.node_fields(&mut mesh);
+        Ok(mesh)
+    }
+
+    fn warn(&self, warnings: &mut Vec<String>) {
+        for (name, count) in &self.unknown {
+            warnings.push(format!(
+                "{count} lines of elements of the type {name}, which is not known, are passed over"
+            ));
+        }
+        if self.instances > 1 {
+            warnings.push(format!(
+                "the assembly has {} instances; the part is read once",
+                self.instances
+            ));
+        }
+        if self.moved {
+            warnings.push(
+                "an instance of the part is moved or turned in the assembly; the part is read where it is by itself"
+                    .into(),
+            );
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! The lines of Abaqus input files: keywords with parameters, and words between commas.
+
+use super::abaqus_sets::Member;
+use super::cursor::Parse;
+
+/// A keyword with its parameters; names in upper case.
+pub(super) struct Card {
+    pub keyword: String,
+    parameters: Vec<(String, String)>,
+}
+
+impl Card {
+    pub fn new(line: &str) -> Card {
+        let mut quoted = false;
+        let mut words = line[1..].split(|c| {
+            quoted ^= c == '"';
+            c == ',' && !quoted
+        });
+        let upper = |word: &str| {
+            let words: Vec<&str> = word.split_whitespace().collect();
+            words.join(" ").to_ascii_uppercase()
+        };
+        let keyword = upper(words.next().unwrap_or_default());
+        let parameters = words
+            .map(|word| {
+                let (name, value) = word.split_once('=').unwrap_or((word, ""));
+                let value = value.trim().trim_matches('"').to_owned();
+                (upper(name), value)
+            })
+            .collect();
+        Card {
+            keyword,
+            parameters,
+        }
+    }
+
+    pub fn get(&self, name: &str) -> Option<&str> {
+        let found = self.parameters.iter().find(|(n, _)| n == name);
+        found.map(|(_, value)| value.as_str())
+    }
+
+    /// The name of a set, where one is given.
+    pub fn set(&self, name: &str) -> Option<&str> {
+        self.get(name).filter(|value| !value.is_empty())
+    }
+}
+
+/// The members on a line of a set: numbers and names, or with `generate` a first, a last and a
+/// step.
+pub(super) fn members<'a>(
+    words: impl Iterator<Item = &'a [u8]>,
+    generate: bool,
+) -> Parse<Vec<Member>> {
+    let words = words.filter(|word| !word.is_empty());
+    if !generate {
+        return Ok(words
+            .map(|word| match tag(word, "") {
+                Ok(number) => Member::One(number),
+                Err(_) => {
+                    let name = String::from_utf8_lossy(word);
+                    // PART-INSTANCE.NUMBER or .SET.
+                    let name = name.rsplit('.').next().unwrap_or_default();
+                    match name.parse() {
+                        Ok(number) => Member::One(number),
+                        Err(_) => Member::Named(name.trim_matches('"').to_owned()),
+                    }
+                }
+            })
+            .collect());
+    }
+    let numbers = words
+        .map(|word| tag(word, "a number of a range"))
+        .collect::<Parse<Vec<u64>>>()?;
+    match numbers[..] {
+        [first, last] => Ok(vec![Member::Range(first, last, 1)]),
+        [first, last, step] if step > 0 => Ok(vec![Member::Range(first, last, step)]),
+        _ => Err("a range is given as FIRST, LAST, STEP, the step at least 1".into()),
+    }
+}
+
+/// A word as the number of a node or element.
+pub(super) fn tag(word: &[u8], what: &str) -> Parse<u64> {
+    let text = std::str::from_utf8(word).ok();
+    text.and_then(|t| t.parse().ok())
+        .ok_or_else(|| format!("expected {what}, found {}", shown(word)))
+}
+
+/// A word as errors show it.
+pub(super) fn shown(word: &[u8]) -> String {
+    format!("{:?}", String::from_utf8_lossy(&word[..word.len().min(40)]))
+}

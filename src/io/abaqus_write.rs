@@ -1,0 +1,108 @@
+//! Writer for Abaqus input files: nodes, C3D4 elements, and an element set a region. Materials,
+//! sections and steps are for whoever takes them up.
+
+use super::format::left_out;
+use super::groups::Groups;
+use super::{atomic_write, remarks};
+use crate::mesh::{Field, TetMesh};
+use crate::{Error, Result};
+use std::collections::{BTreeMap, HashSet};
+use std::io::Write;
+use std::path::Path;
+
+/// Most characters of a number: CalculiX reads no more of one.
+const DIGITS: usize = 20;
+/// Most characters of the name of a set.
+const NAME: usize = 80;
+/// Most numbers on a line of a set.
+const COLUMNS: usize = 16;
+
+/// Writes nodes, tets and regions.
+pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
+    let groups = Groups::of(mesh, 1);
+    let sets = set_names(&groups);
+    atomic_write(path, |file| {
+        fill(file, mesh, &groups, &sets).map_err(Error::io(path))
+    })?;
+    let others: Vec<&Field> = mesh
+        .fields
+        .iter()
+        .filter(|f| !groups.tell(mesh, f))
+        .collect();
+    let why = "Abaqus's input files hold no fields";
+    Ok(left_out(&others, why).into_iter().collect())
+}
+
+/// A name for the set of each group, of the characters that every reader takes, none twice.
+fn set_names(groups: &Groups) -> Vec<String> {
+    let mut taken = HashSet::new();
+    groups
+        .all()
+        .map(|(group, region)| {
+            let plain = |c: char| match c.is_ascii_alphanumeric() {
+                true => c,
+                false => '_',
+            };
+            let name = region.name.as_deref().unwrap_or_default();
+            let mut name: String = name.chars().map(plain).take(NAME / 2).collect();
+            if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
+                name = format!("REGION_{name}");
+            }
+            if name == "REGION_" {
+                name = format!("REGION_{group}");
+            }
+            while !taken.insert(name.to_ascii_uppercase()) {
+                name = format!("{name}_{group}");
+            }
+            name
+        })
+        .collect()
+}
+
+/// `value` in at most [`DIGITS`] characters, with as many digits as they hold.
+fn short(value: f64) -> String {
+    let whole = format!("{value:?}");
+    if whole.len() <= DIGITS {
+        return whole;
+    }
+    (8..=16)
+        .rev()
+        .map(|digits| format!("{value:.digits$e}"))
+        .find(|text| text.len() <= DIGITS)
+        .unwrap_or(whole)
+}
+
+fn fill(
+    file: &mut impl Write,
+    mesh: &TetMesh,
+    groups: &Groups,
+    sets: &[String],
+) -> std::io::Result<()> {
+    write!(
+        file,
+        "*HEADING\nWritten by Palpate {}\n{}{}*NODE\n",
+        env!("CARGO_PKG_VERSION"),
+        remarks::of_counts("** ", mesh),
+        remarks::of_mesh("** ", mesh, groups, sets)
+    )?;
+    for (i, p) in mesh.nodes.iter().enumerate() {
+        let [x, y, z] = p.to_array().map(short);
+        writeln!(file, "{}, {x}, {y}, {z}", i + 1)?;
+    }
+    writeln!(file, "*ELEMENT, TYPE=C3D4")?;
+    for (t, tet) in mesh.tets.iter().enumerate() {
+        let [a, b, c, d] = tet.map(|v| u64::from(v) + 1);
+        writeln!(file, "{}, {a}, {b}, {c}, {d}", t + 1)?;
+    }
+    let mut tets: BTreeMap<i32, Vec<String>> = BTreeMap::new();
+    for (t, group) in groups.of_tet.iter().enumerate() {
+        tets.entry(*group).or_default().push((t + 1).to_string());
+    }
+    for ((group, _), set) in groups.all().zip(sets) {
+        writeln!(file, "*ELSET, ELSET={set}")?;
+        for line in tets.remove(&group).unwrap_or_default().chunks(COLUMNS) {
+            writeln!(file, "{}", line.join(", "))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,193 @@
+//! The formats that meshes are written in.
+
+use super::{abaqus_write, gmsh_write, medit_write, tetgen_write, vtk_legacy_write, vtu_write};
+use crate::mesh::{Field, Location, TetMesh};
+use crate::{Error, Result};
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+/// A format that meshes are written in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// VTK's XML unstructured grid (`.vtu`), compressed.
+    Vtu,
+    /// Legacy VTK, version 3 (`.vtk`).
+    Vtk,
+    /// Gmsh's MSH 4.1 (`.msh`).
+    Gmsh41,
+    /// Gmsh's MSH 2.2 (`.msh`).
+    Gmsh22,
+    /// Medit (`.mesh`), text.
+    Medit,
+    /// TetGen's `.node` and `.ele`, text; either may be named.
+    Tetgen,
+    /// Abaqus (`.inp`), text.
+    Abaqus,
+}
+
+/// Every format with its name and its extensions. Of several formats with one extension the
+/// first is meant by it.
+const FORMATS: [(MeshFormat, &str, &[&str]); 7] = [
+    (MeshFormat::Vtu, "vtu", &["vtu"]),
+    (MeshFormat::Vtk, "vtk", &["vtk"]),
+    (MeshFormat::Gmsh41, "gmsh41", &["msh"]),
+    (MeshFormat::Gmsh22, "gmsh22", &["msh"]),
+    (MeshFormat::Medit, "medit", &["mesh"]),
+    (MeshFormat::Tetgen, "tetgen", &["node", "ele"]),
+    (MeshFormat::Abaqus, "abaqus", &["inp"]),
+];
+
+impl MeshFormat {
+    /// The format that the extension of `path` means; 4.1 for `.msh`.
+    ///
+    /// # Errors
+    /// An extension that no format has.
+    pub fn of(path: impl AsRef<Path>) -> Result<MeshFormat> {
+        let path = path.as_ref();
+        let extension = super::extension(path);
+        let found = FORMATS
+            .iter()
+            .find(|(.., extensions)| extensions.contains(&extension.as_str()));
+        found.map(|f| f.0).ok_or_else(|| {
+            Error::Input(format!(
+                "{}: meshes are written as .vtu, .vtk, .msh (Gmsh), .mesh (Medit), .node with .ele (TetGen) or .inp (Abaqus), not as \".{extension}\"",
+                path.display()
+            ))
+        })
+    }
+
+    /// The extensions of its files.
+    pub fn extensions(self) -> &'static [&'static str] {
+        FORMATS
+            .iter()
+            .find(|(format, ..)| *format == self)
+            .map_or(&[], |(.., extensions)| extensions)
+    }
+}
+
+impl fmt::Display for MeshFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let found = FORMATS.iter().find(|(format, ..)| format == self);
+        f.write_str(found.map_or("", |(_, name, _)| name))
+    }
+}
+
+impl FromStr for MeshFormat {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<MeshFormat, String> {
+        let found = FORMATS
+            .iter()
+            .find(|(_, name, _)| text.eq_ignore_ascii_case(name));
+        found.map(|f| f.0).ok_or_else(|| {
+            let names: Vec<&str> = FORMATS.iter().map(|(_, name, _)| *name).collect();
+            format!(
+                "there is no format \"{text}\"; {} are known",
+                names.join(", ")
+            )
+        })
+    }
+}
+
+/// Writes a mesh in the format that the extension of `path` means (see [`MeshFormat::of`]), in
+/// one go: the file is either whole or not there. VTK and Gmsh files are binary, the others text
+/// with every digit that a double has.
+///
+/// `.vtu` holds everything: what is written reads back identical (fields of the nodes first, then
+/// those of the cells; a field whose values its number type cannot hold is written as Float64).
+/// The other formats hold nodes, tets, regions with their names and the unit of length, and the
+/// fields that they have a place for. Returns what they have no place for, a sentence each.
+///
+/// # Errors
+/// Another extension, a mesh whose fields do not fit it, or the file cannot be written.
+pub fn write(path: impl AsRef<Path>, mesh: &TetMesh) -> Result<Vec<String>> {
+    let path = path.as_ref();
+    write_as(path, mesh, MeshFormat::of(path)?, false)
+}
+
+/// Writes a mesh as [`write`] does, in this format; VTK legacy and Gmsh as `text` if asked for.
+///
+/// # Errors
+/// As [`write`]; a name whose extension is another format's; `text` of a `.vtu`.
+pub fn write_as(
+    path: impl AsRef<Path>,
+    mesh: &TetMesh,
+    format: MeshFormat,
+    text: bool,
+) -> Result<Vec<String>> {
+    let path = path.as_ref();
+    if !format
+        .extensions()
+        .contains(&super::extension(path).as_str())
+    {
+        return Err(Error::Input(format!(
+            "{}: files of the format {format} are called .{}; name it so",
+            path.display(),
+            format.extensions().join(" or .")
+        )));
+    }
+    check(mesh)?;
+    match format {
+        MeshFormat::Vtu if text => Err(Error::Input(format!(
+            "{}: .vtu is written compressed only; legacy VTK (.vtk) can be text",
+            path.display()
+        ))),
+        MeshFormat::Vtu => vtu_write::write(path, mesh, &mesh.nodes, &[]).map(|()| Vec::new()),
+        MeshFormat::Vtk => vtk_legacy_write::write(path, mesh, text),
+        MeshFormat::Gmsh41 => gmsh_write::write(path, mesh, 4, text),
+        MeshFormat::Gmsh22 => gmsh_write::write(path, mesh, 2, text),
+        MeshFormat::Medit => medit_write::write(path, mesh),
+        MeshFormat::Tetgen => tetgen_write::write(path, mesh),
+        MeshFormat::Abaqus => abaqus_write::write(path, mesh),
+    }
+}
+
+/// That fields fit the mesh, and tets its nodes; for a mesh may be put together by hand.
+fn check(mesh: &TetMesh) -> Result<()> {
+    for field in &mesh.fields {
+        let items = match field.location {
+            Location::Node => mesh.nodes.len(),
+            Location::Cell => mesh.tets.len(),
+        };
+        if field.components == 0 || items.checked_mul(field.components) != Some(field.values.len())
+        {
+            return Err(Error::Mesh(format!(
+                "field \"{}\" has {} values, but {items} {} of {} components need another number",
+                field.name,
+                field.values.len(),
+                field.location,
+                field.components
+            )));
+        }
+    }
+    let node = mesh.tets.iter().flatten().max().copied().unwrap_or(0);
+    if node as usize >= mesh.nodes.len() {
+        return Err(Error::Mesh(format!(
+            "a tet refers to node {node}, but there are {} nodes (counted from 0)",
+            mesh.nodes.len()
+        )));
+    }
+    if i32::try_from(mesh.nodes.len().max(mesh.tets.len())).is_err() {
+        return Err(Error::Mesh(
+            "there are more nodes or tets than 32 bits count".into(),
+        ));
+    }
+    Ok(())
+}
+
+/// The sentence that names the fields a format has no place for, if there are any.
+pub(super) fn left_out(fields: &[&Field], why: &str) -> Option<String> {
+    let named: Vec<String> = fields
+        .iter()
+        .map(|f| format!("\"{}\" of the {}", f.name, f.location))
+        .collect();
+    (!named.is_empty()).then(|| format!("left out: {}; {why}", named.join(", ")))
+}
+
+/// `text` without line ends and control characters, which names in text formats cannot have.
+pub(super) fn one_line(text: &str) -> String {
+    text.chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect()
+}

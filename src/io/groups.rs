@@ -1,0 +1,117 @@
+//! The regions of a mesh as the numbered groups of cells that formats without a field `label`
+//! have.
+
+use crate::mesh::{Field, Location, TetMesh};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Cell fields that tell of groups, in the order in which they are looked for.
+const SOURCES: [&str; 4] = ["label", "gmsh:physical", "medit:ref", "tetgen:ref"];
+
+/// With more values than this a field does not tell of regions.
+const MOST: usize = 1 << 16;
+
+/// A region that a group stands for.
+pub(super) struct Region {
+    /// Its value in the field that tells of groups.
+    pub label: i64,
+    pub name: Option<String>,
+}
+
+/// The group of each tet.
+#[derive(Default)]
+pub(super) struct Groups {
+    /// The field that tells of them.
+    source: Option<&'static str>,
+    /// A number for each tet; 0 for none. Empty where there are no groups.
+    pub of_tet: Vec<i32>,
+    by_group: BTreeMap<i32, Region>,
+    /// Whether groups have other numbers than the regions.
+    pub renumbered: bool,
+}
+
+impl Groups {
+    /// The groups of `mesh`, whose numbers are at least `least`: those of the regions where they
+    /// can be, else counted from 1.
+    pub fn of(mesh: &TetMesh, least: i32) -> Groups {
+        for source in SOURCES {
+            if let Some(field) = mesh.field(source, Location::Cell)
+                && let Some(values) = distinct(field)
+            {
+                return Groups::by_field(mesh, field, source, &values, least);
+            }
+        }
+        Groups::default()
+    }
+
+    fn by_field(
+        mesh: &TetMesh,
+        field: &Field,
+        source: &'static str,
+        values: &BTreeSet<i64>,
+        least: i32,
+    ) -> Groups {
+        let is_label = source == "label";
+        // In the fields of other formats 0 is no group.
+        let none = |value: i64| !is_label && value == 0;
+        let range = i64::from(least)..=i64::from(i32::MAX);
+        let fits = values.iter().all(|v| none(*v) || range.contains(v));
+        let mut group_of = BTreeMap::new();
+        let mut by_group = BTreeMap::new();
+        for (i, value) in values.iter().filter(|v| !none(**v)).enumerate() {
+            let group = if fits { *value as i32 } else { i as i32 + 1 };
+            let name = mesh.region_names.get(value).filter(|_| is_label).cloned();
+            group_of.insert(*value, group);
+            by_group.insert(
+                group,
+                Region {
+                    label: *value,
+                    name,
+                },
+            );
+        }
+        let group = |v: &f64| group_of.get(&(*v as i64)).copied().unwrap_or(0);
+        Groups {
+            source: Some(source),
+            of_tet: field.values.iter().map(group).collect(),
+            by_group,
+            renumbered: !fits,
+        }
+    }
+
+    /// Groups with the regions they stand for, by number.
+    pub fn all(&self) -> impl Iterator<Item = (i32, &Region)> {
+        self.by_group.iter().map(|(group, region)| (*group, region))
+    }
+
+    /// Those that stand for regions of the field `label`.
+    pub fn regions(&self) -> impl Iterator<Item = (i32, &Region)> {
+        self.all().filter(|_| self.source == Some("label"))
+    }
+
+    /// Whether `field` is told by the groups, so that it need not be written besides.
+    pub fn tell(&self, mesh: &TetMesh, field: &Field) -> bool {
+        let source = self
+            .source
+            .and_then(|name| mesh.field(name, Location::Cell));
+        field.location == Location::Cell
+            && SOURCES.contains(&field.name.as_str())
+            && source.is_some_and(|s| s.name == field.name || s.values == field.values)
+    }
+}
+
+/// The values of a field of whole numbers that may tell of groups; none where it is another, or
+/// 0 throughout.
+fn distinct(field: &Field) -> Option<BTreeSet<i64>> {
+    let mut values = BTreeSet::new();
+    for value in &field.values {
+        if value.fract() != 0.0 || value.abs() > 9e15 {
+            return None;
+        }
+        values.insert(*value as i64);
+        if values.len() > MOST {
+            return None;
+        }
+    }
+    let empty = field.name != "label" && values.iter().all(|v| *v == 0);
+    (field.components == 1 && !empty).then_some(values)
+}

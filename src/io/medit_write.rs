@@ -1,0 +1,75 @@
+//! Writer for Medit's `.mesh` files, text. Regions are the references of tets.
+
+use super::format::left_out;
+use super::groups::Groups;
+use super::{atomic_write, remarks};
+use crate::mesh::{Field, Location, TetMesh};
+use crate::{Error, Result};
+use std::io::Write;
+use std::path::Path;
+
+/// Node fields that hold references, in the order in which they are looked for.
+pub(super) const NODE_MARKERS: [&str; 2] = ["medit:ref", "tetgen:ref"];
+
+/// Writes nodes, tets and references.
+pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
+    let groups = Groups::of(mesh, i32::MIN);
+    let markers = node_markers(mesh);
+    atomic_write(path, |file| {
+        fill(file, mesh, &groups, markers).map_err(Error::io(path))
+    })?;
+    let others: Vec<&Field> = mesh
+        .fields
+        .iter()
+        .filter(|f| !groups.tell(mesh, f) && !markers.is_some_and(|m| std::ptr::eq(m, *f)))
+        .collect();
+    let mut notes = Vec::new();
+    if groups.renumbered {
+        notes.push(
+            "the regions' labels are no numbers that references can have; they are counted from 1"
+                .to_owned(),
+        );
+    }
+    notes.extend(left_out(&others, "Medit's files hold no fields"));
+    Ok(notes)
+}
+
+/// The field of whole numbers that marks the nodes.
+pub(super) fn node_markers(mesh: &TetMesh) -> Option<&Field> {
+    NODE_MARKERS
+        .iter()
+        .filter_map(|name| mesh.field(name, Location::Node))
+        .find(|f| f.components == 1 && is_whole(&f.values))
+}
+
+/// Whether all values are whole numbers of 32 bits.
+pub(super) fn is_whole(values: &[f64]) -> bool {
+    values
+        .iter()
+        .all(|v| v.fract() == 0.0 && v.abs() <= f64::from(i32::MAX))
+}
+
+fn fill(
+    file: &mut impl Write,
+    mesh: &TetMesh,
+    groups: &Groups,
+    markers: Option<&Field>,
+) -> std::io::Result<()> {
+    write!(
+        file,
+        "MeshVersionFormatted 2\nDimension 3\n{}Vertices\n{}\n",
+        remarks::of_mesh("# ", mesh, groups, &[]),
+        mesh.nodes.len()
+    )?;
+    for (i, p) in mesh.nodes.iter().enumerate() {
+        let marker = markers.map_or(0.0, |m| m.values[i]);
+        writeln!(file, "{:?} {:?} {:?} {marker}", p.x, p.y, p.z)?;
+    }
+    write!(file, "Tetrahedra\n{}\n", mesh.tets.len())?;
+    for (t, tet) in mesh.tets.iter().enumerate() {
+        let [a, b, c, d] = tet.map(|v| u64::from(v) + 1);
+        let group = groups.of_tet.get(t).copied().unwrap_or(0);
+        writeln!(file, "{a} {b} {c} {d} {group}")?;
+    }
+    file.write_all(b"End\n")
+}

@@ -1,0 +1,56 @@
+//! Files that are bytes in memory: for programs without a file system, a browser for one.
+
+use super::{content_of, format_of, surface, volume};
+use crate::mesh::{TetMesh, TriMesh};
+use crate::volume::Volume;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// Reads a mesh from the content of a file called `name`, as [`read`](super::read) reads the
+/// file: the content decides, then the extension of the name.
+///
+/// # Errors
+/// As [`read`](super::read); and TetGen's files, of which one is nothing without the other.
+pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
+    let path = Path::new(name);
+    let extension = super::extension(path);
+    if extension == "node" || extension == "ele" {
+        return Err(Error::format(
+            path,
+            "TetGen's meshes are two files, .node and .ele; a single file is needed here, .vtu or .msh for example",
+        ));
+    }
+    let bytes = content_of(path, bytes)?;
+    format_of(bytes, &extension)
+        .and_then(|reader| reader(bytes))
+        .and_then(super::cells::RawMesh::into_tets)
+        .map_err(|e| Error::format(path, e))
+}
+
+/// Reads a surface from the content of a file called `name`, as
+/// [`read_surface`](super::read_surface) reads the file.
+///
+/// # Errors
+/// As [`read_surface`](super::read_surface).
+pub fn parse_surface(name: &str, bytes: &[u8]) -> Result<TriMesh> {
+    let path = Path::new(name);
+    let bytes = content_of(path, bytes)?;
+    surface::surface_of(bytes, &super::extension(path)).map_err(|e| Error::format(path, e))
+}
+
+/// Reads a volume from the content of a file called `name`, as
+/// [`read_volume`](super::read_volume) reads the file.
+///
+/// # Errors
+/// As [`read_volume`](super::read_volume); and headers whose voxels are in another file.
+pub fn parse_volume(name: &str, bytes: &[u8]) -> Result<Volume> {
+    let path = Path::new(name);
+    let bytes = content_of(path, bytes)?;
+    let fetch = |data: &str| {
+        Err(format!(
+            "its voxels are in another file, {}; a single file is needed here (.nrrd, .mha or .nii hold header and voxels)",
+            data.trim()
+        ))
+    };
+    volume::volume_of(bytes, &volume::extension(path), &fetch).map_err(|e| Error::format(path, e))
+}

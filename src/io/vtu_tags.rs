@@ -1,0 +1,93 @@
+//! The tags of VTK's XML files: attributes, layouts, arrays.
+
+use super::cursor::Parse;
+use super::vtu_data::Layout;
+use quick_xml::events::BytesStart;
+
+/// A `<DataArray>` tag.
+pub(super) struct Array {
+    /// The tag around it: Points, Cells, PointData or CellData.
+    pub section: String,
+    pub name: String,
+    pub type_name: String,
+    pub components: usize,
+    pub format: String,
+    pub offset: Option<usize>,
+    /// Where in the file its own text is.
+    pub text: std::ops::Range<usize>,
+}
+
+/// A `<DataArray>` tag in `section`.
+pub(super) fn array(tag: &BytesStart, section: &str) -> Parse<Array> {
+    Ok(Array {
+        section: section.to_string(),
+        name: attribute(tag, "Name").unwrap_or_else(|| "unnamed".into()),
+        type_name: attribute(tag, "type").unwrap_or_default(),
+        components: match attribute(tag, "NumberOfComponents") {
+            None => 1,
+            Some(_) => count(tag, "NumberOfComponents")?,
+        },
+        format: attribute(tag, "format").unwrap_or_else(|| "ascii".into()),
+        offset: match attribute(tag, "offset") {
+            None => None,
+            Some(_) => Some(count(tag, "offset")?),
+        },
+        text: 0..0,
+    })
+}
+
+pub(super) fn layout(tag: &BytesStart) -> Parse<Layout> {
+    let kind = attribute(tag, "type").unwrap_or_default();
+    if kind != "UnstructuredGrid" {
+        return Err(format!(
+            "this VTK file holds {kind:?}, expected \"UnstructuredGrid\" (a mesh of cells)"
+        ));
+    }
+    let compressor = attribute(tag, "compressor").unwrap_or_default();
+    Ok(Layout {
+        big_endian: match attribute(tag, "byte_order").as_deref() {
+            Some("LittleEndian") | None => false,
+            Some("BigEndian") => true,
+            Some(other) => return Err(format!("unknown byte_order {other:?}")),
+        },
+        wide_headers: match attribute(tag, "header_type").as_deref() {
+            Some("UInt32") | None => false,
+            Some("UInt64") => true,
+            Some(other) => return Err(format!("unknown header_type {other:?}")),
+        },
+        zlib: match compressor.as_str() {
+            "" => false,
+            "vtkZLibDataCompressor" => true,
+            other => {
+                return Err(format!(
+                    "the data is compressed by {other}; only vtkZLibDataCompressor is read (in ParaView, save with compressor ZLib or none)"
+                ));
+            }
+        },
+    })
+}
+
+pub(super) fn name_of(tag: &BytesStart) -> String {
+    String::from_utf8_lossy(tag.name().as_ref()).into_owned()
+}
+
+/// An attribute's value. VTK does not escape what XML wants escaped, so a value that cannot be
+/// unescaped is taken as it stands.
+pub(super) fn attribute(tag: &BytesStart, name: &str) -> Option<String> {
+    let attribute = tag.try_get_attribute(name).ok()??;
+    Some(match attribute.unescape_value() {
+        Ok(value) => value.into_owned(),
+        Err(_) => String::from_utf8_lossy(&attribute.value).into_owned(),
+    })
+}
+
+pub(super) fn count(tag: &BytesStart, name: &str) -> Parse<usize> {
+    let value = attribute(tag, name)
+        .ok_or_else(|| format!("<{}> has no attribute {name}", name_of(tag)))?;
+    value.trim().parse().map_err(|_| {
+        format!(
+            "<{}> has {name}=\"{value}\", expected a whole number",
+            name_of(tag)
+        )
+    })
+}

@@ -1,0 +1,54 @@
+//! Files as bytes in memory.
+
+use crate::io::sample::bits;
+use palpate::io;
+
+#[test]
+fn bytes_read_as_files_do() {
+    for fixture in crate::io::encode::all() {
+        let parsed = io::parse(&fixture.name, &fixture.bytes);
+        if fixture.second.is_some() {
+            let error = parsed.unwrap_err().to_string();
+            assert!(error.contains("two files"), "{error}");
+            continue;
+        }
+        let mesh = parsed.unwrap_or_else(|e| panic!("{}: {e}", fixture.name));
+        assert_eq!(bits(&mesh), bits(&fixture.expected), "{}", fixture.name);
+    }
+}
+
+#[test]
+fn errors_name_what_was_given() {
+    for (name, bytes, told) in [
+        (
+            "some/a.vtu",
+            &b"hello"[..],
+            "some/a.vtu: there is no <VTKFile>",
+        ),
+        ("a.vtu", b" \n", "a.vtu: the file is empty"),
+        ("a", b"hello", "a: neither the content nor the extension"),
+    ] {
+        let error = io::parse(name, bytes).unwrap_err().to_string();
+        assert!(error.contains(told), "{error}");
+    }
+}
+
+#[test]
+fn surfaces_and_volumes_too() {
+    let stl = "\u{feff}solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n";
+    let surface = io::parse_surface("a.stl", stl.as_bytes()).unwrap();
+    assert_eq!(surface.triangles.len(), 1);
+    let error = io::parse_surface("a.stl", b"").unwrap_err().to_string();
+    assert!(error.contains("a.stl: the file is empty"), "{error}");
+    let nrrd = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: text\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace: RAS\n\n1 2 3 4 5 6 7 8\n";
+    let volume = io::parse_volume("a.nrrd", nrrd.as_bytes()).unwrap();
+    assert_eq!(volume.size, [2, 2, 2]);
+    let apart = nrrd.replace("\n\n1 2 3 4 5 6 7 8", "\ndata file: voxels.raw\n");
+    let error = io::parse_volume("a.nhdr", apart.as_bytes())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("voxels.raw") && error.contains("another file"),
+        "{error}"
+    );
+}
