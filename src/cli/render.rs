@@ -83,8 +83,9 @@ fn picked(stage: &Stage, pixel: DVec2) -> palpate::Result<Value> {
         return Ok(Value::Null);
     };
     let mesh = stage.mesh();
-    let label = mesh
-        .field("label", Location::Cell)
+    let field = mesh.region_field();
+    let label = field
+        .or_else(|| mesh.field("label", Location::Cell))
         .and_then(|field| field.values.get(pick.tet as usize))
         .map(|label| *label as i64);
     let name = label.and_then(|label| mesh.region_names.get(&label));

@@ -36,6 +36,7 @@ mod measure;
 mod motion;
 mod picture;
 mod region;
+mod regions;
 mod skin;
 mod sleep;
 mod source;
@@ -391,7 +392,8 @@ pub struct CameraEntry {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PictureEntry {
-    /// The node field that is seen; the first scalar there is, or the depth below the surface.
+    /// The field that is seen. Where nothing is said: the regions, a colour each, unless there is
+    /// a `transfer`; or the first scalar at the nodes, or the depth below the surface.
     pub field: Option<String>,
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
     pub transfer: Option<String>,

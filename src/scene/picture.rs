@@ -38,7 +38,7 @@ impl Scene {
     ) -> Result<(Raycaster, Surface)> {
         let (positions, frame) = (nodes.array(), nodes.frame());
         let geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
-        let transfer = self.transfer()?;
+        let transfer = self.transfer(seen)?;
         let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
             true => SurfaceColour::Field(transfer.clone()),
             false => SurfaceColour::Plain(SKIN_COLOUR),
@@ -48,9 +48,13 @@ impl Scene {
         Ok((raycaster, surface))
     }
 
-    pub(crate) fn transfer(&self) -> Result<TransferFunction> {
+    /// The scene's transfer function, or what suits `seen`.
+    pub(crate) fn transfer(&self, seen: &Seen) -> Result<TransferFunction> {
         match self.picture.transfer.as_deref() {
-            None => TransferFunction::preset("tissue"),
+            None => match &seen.transfer {
+                Some(own) => Ok(own.clone()),
+                None => TransferFunction::preset("tissue"),
+            },
             Some(json) if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
             Some(file) if file.ends_with(".json") => TransferFunction::read(file),
             Some(name) => TransferFunction::preset(name),
