@@ -195,3 +195,23 @@ fn reached(rows: &[Vec<(u32, DVec3)>], pinned: &[bool]) -> Vec<bool> {
     }
     free
 }
+
+/// A network held at some nodes: how it gives under a load, for small displacements.
+pub(crate) struct Compliance<'a>(Held<'a>);
+
+impl<'a> Compliance<'a> {
+    /// None where nothing can move, or nothing is held.
+    pub fn new(network: &'a SpringNetwork, pinned: &[bool]) -> Option<Compliance<'a>> {
+        let held = Held::new(network, pinned);
+        held.moves().then_some(Compliance(held))
+    }
+
+    /// How far each node gives under `load` (N on the nodes), m, and the rate of the slowest
+    /// swing about there, rad/s.
+    pub fn answer(&self, load: &[DVec3]) -> (Vec<DVec3>, f64) {
+        let loads = vec![load.to_vec()];
+        let mut given = self.0.given(&loads, None);
+        let rate = self.0.slowest(&loads, &given).max(0.0).sqrt();
+        (given.pop().unwrap_or_default(), rate)
+    }
+}

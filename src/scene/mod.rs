@@ -31,6 +31,7 @@
 
 mod cage;
 mod grid;
+mod load;
 mod material;
 mod measure;
 mod motion;
@@ -242,6 +243,20 @@ pub struct SolverEntry {
     pub tolerance: Option<f64>,
     /// Whether the body falls asleep when it is at rest; it does where nothing is said.
     pub sleep: Option<bool>,
+    /// The run that is ahead. With it, a body that nothing holds, pulls or cuts gets a load and
+    /// an implicit step that suit its stiffness, in place of the earth's gravity and 0.01 s, and
+    /// a view that nobody chose shows all that moves. Set by the command line.
+    #[serde(skip)]
+    pub run: Option<Run>,
+}
+
+/// A run that is ahead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Its steps in all.
+    pub steps: u32,
+    /// Whether pictures are drawn on the way, which have to be framed before it is over.
+    pub drawn: bool,
 }
 
 /// A force shared by the nodes of a region.
@@ -386,6 +401,14 @@ pub struct CameraEntry {
     pub fov: Option<f64>,
     /// Height of the view for an orthographic camera, instead of `fov`.
     pub orthographic: Option<f64>,
+}
+
+impl CameraEntry {
+    /// Whether nothing of the view is said.
+    pub fn is_unset(&self) -> bool {
+        let places = [self.eye, self.look_at, self.up];
+        places.iter().all(Option::is_none) && self.fov.is_none() && self.orthographic.is_none()
+    }
 }
 
 /// The picture.

@@ -133,11 +133,17 @@ impl Scene {
         }
     }
 
-    /// The camera: the whole mesh framed, and what the scene says laid over it.
-    pub(super) fn camera(&self, mesh: &TetMesh, size: [u32; 2]) -> Result<Camera> {
+    /// The camera: all of `points` framed, as suits the shape of `mesh`, and what the scene says
+    /// laid over it.
+    pub(super) fn camera(
+        &self,
+        mesh: &TetMesh,
+        points: &[DVec3],
+        size: [u32; 2],
+    ) -> Result<Camera> {
         use crate::render::Projection;
         let entry = &self.camera;
-        let mut camera = Camera::framing_for(mesh, size);
+        let mut camera = Camera::framing_points(mesh, points, size);
         if let Some(look_at) = entry.look_at {
             // The eye keeps its place relative to what is looked at.
             camera.eye += DVec3::from(look_at) - camera.look_at;

@@ -20,9 +20,9 @@ const COLOURS: [[u8; 3]; 8] = [
 const TINTS: [f64; 3] = [0.0, 0.55, -0.45];
 /// Opacity of a ray's mean way through a region: of one that hides nothing, of one that encloses
 /// others, of one inside another.
-const PLAIN: f64 = 0.8;
-const ENCLOSING: f64 = 0.3;
-const ENCLOSED: f64 = 0.9;
+const PLAIN: f64 = 0.93;
+const ENCLOSING: f64 = 0.45;
+const ENCLOSED: f64 = 0.97;
 /// A region is inside where less than this share of its surface is the body's.
 const INSIDE: f64 = 0.25;
 /// Half of the scalars that take the colour of one region, the distance between two being 1.

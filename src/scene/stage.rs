@@ -123,9 +123,14 @@ impl Stage {
         };
         let (raycaster, surface) = scene.painters(gpu, &mesh, &topology, &seen, actor.nodes())?;
         let size = scene.picture.size.unwrap_or(SIZE);
+        let reach = match &actor {
+            Actor::Moving(motion) => motion.reach.as_ref(),
+            Actor::Posed(_) => None,
+        };
+        let points = reach.unwrap_or(&mesh.nodes);
         let mut stage = Stage {
             gpu: gpu.clone(),
-            camera: scene.camera(&mesh, size)?,
+            camera: scene.camera(&mesh, points, size)?,
             size,
             shown: scene.shown()?,
             background: scene.background()?,
@@ -181,6 +186,20 @@ impl Stage {
     /// The view.
     pub fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
+    }
+
+    /// Frames the body as it stands now, and all of `also`, unless the scene says anything of the
+    /// view.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn frame(&mut self, also: &[DVec3]) -> Result<()> {
+        if self.scene.camera.is_unset() {
+            let mut points = self.positions()?;
+            points.extend_from_slice(also);
+            self.camera = self.scene.camera(&self.mesh, &points, self.size)?;
+        }
+        Ok(())
     }
 
     /// Draws pictures of this size from now on.
