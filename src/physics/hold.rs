@@ -80,7 +80,9 @@ impl HeldEnd {
             return flat;
         }
         axes.sort_by_key(|axis| !stands(*axis));
-        let candidates = SLABS.iter().flat_map(|s| axes.map(|axis| best_of(axis, *s)));
+        let candidates = SLABS
+            .iter()
+            .flat_map(|s| axes.map(|axis| best_of(axis, *s)));
         let mut best: Option<HeldEnd> = None;
         for end in candidates {
             if end.firmness >= FIRM {
@@ -177,9 +179,8 @@ mod tests {
     /// Points of a grid that lie inside.
     fn points(size: [usize; 3], inside: impl Fn(DVec3) -> bool) -> Vec<DVec3> {
         let [nx, ny, nz] = size;
-        let all = (0..nx * ny * nz).map(|i| {
-            DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / nx / ny) as f64)
-        });
+        let all = (0..nx * ny * nz)
+            .map(|i| DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / nx / ny) as f64));
         all.filter(|p| inside(*p)).collect()
     }
 

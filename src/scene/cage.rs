@@ -6,7 +6,9 @@ use crate::cage::{Cage, CageKind, CageReport, Embedding};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridBody;
-use crate::physics::{Body, HeldEnd, Material, Nodes, SolverKind, SpringNetwork, largest_stable_step};
+use crate::physics::{
+    Body, HeldEnd, Material, Nodes, SolverKind, SpringNetwork, largest_stable_step,
+};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;

@@ -159,7 +159,10 @@ pub(super) fn said(gravity: f64) -> String {
     match earth {
         e if (0.5..2.0).contains(&e) => format!("{figures} m/s²"),
         e if (0.01..1e4).contains(&e) => {
-            format!("{figures} m/s² ({} times the earth's)", (e * 100.0).round() / 100.0)
+            format!(
+                "{figures} m/s² ({} times the earth's)",
+                (e * 100.0).round() / 100.0
+            )
         }
         _ => format!("{figures} m/s²"),
     }
@@ -185,12 +188,21 @@ mod tests {
             let response = Response::new(&network, &pinned, &load).unwrap();
             let dt = response.step(50, 0.0);
             let swing = response.course(SolverKind::Implicit, 50, dt);
-            assert!(swing.peak > 1.0 && swing.end > 0.9 * swing.peak, "{swing:?}");
+            assert!(
+                swing.peak > 1.0 && swing.end > 0.9 * swing.peak,
+                "{swing:?}"
+            );
             (response.factor(SolverKind::Implicit, 50, dt), dt)
         };
         let (soft, stiff) = (factor(1e4), factor(1e6));
-        assert!((stiff.0 / soft.0 / 100.0 - 1.0).abs() < 0.05, "{soft:?} {stiff:?}");
-        assert!((soft.1 / stiff.1 / 10.0 - 1.0).abs() < 0.05, "{soft:?} {stiff:?}");
+        assert!(
+            (stiff.0 / soft.0 / 100.0 - 1.0).abs() < 0.05,
+            "{soft:?} {stiff:?}"
+        );
+        assert!(
+            (soft.1 / stiff.1 / 10.0 - 1.0).abs() < 0.05,
+            "{soft:?} {stiff:?}"
+        );
     }
 
     #[test]

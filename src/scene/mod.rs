@@ -54,7 +54,7 @@ pub use motion::{Motion, Mover};
 pub(crate) use picture::SIZE;
 pub use region::{Axis, LabelOrName, Region};
 pub use source::Seen;
-pub use stage::Stage;
+pub use stage::{STEPS, Stage};
 
 use crate::mesher::{Length, Window};
 use crate::skin::Mapping;

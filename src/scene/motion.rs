@@ -10,8 +10,8 @@ use crate::gpu::{Gpu, Recorder};
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridBody, GridModel, GridShape};
 use crate::physics::{
-    Body, ConjugateGradients, GrabId, Grip, HeldEnd, ImplicitEuler, Material, Nodes, Progress, Report,
-    Solver, SolverKind, SpringNetwork, largest_stable_step,
+    Body, ConjugateGradients, GrabId, Grip, HeldEnd, ImplicitEuler, Material, Nodes, Progress,
+    Report, Solver, SolverKind, SpringNetwork, largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -620,7 +620,9 @@ impl Scene {
                 n => format!(" and an end of each of its {n} pieces"),
             };
             let along = along(pull.gravity);
-            notes.push(format!("held {end}{pieces}; {how} along {along} ([[pin]] and --gravity say otherwise)"));
+            notes.push(format!(
+                "held {end}{pieces}; {how} along {along} ([[pin]] and --gravity say otherwise)"
+            ));
         }
         if pull.dt != dt {
             notes.push(format!(
@@ -649,7 +651,11 @@ fn along(vector: DVec3) -> String {
     let unit = vector.normalize_or_zero();
     let axis = unit.abs().max_position();
     match unit[axis].abs() > 0.999 {
-        true => format!("{}{}", if unit[axis] < 0.0 { "-" } else { "+" }, ["x", "y", "z"][axis]),
+        true => format!(
+            "{}{}",
+            if unit[axis] < 0.0 { "-" } else { "+" },
+            ["x", "y", "z"][axis]
+        ),
         false => format!("({:.3}, {:.3}, {:.3})", unit.x, unit.y, unit.z),
     }
 }

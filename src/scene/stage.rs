@@ -17,7 +17,7 @@ use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
 /// Steps before a picture where a scene names a solver but no number of steps.
-const STEPS: u32 = 50;
+pub const STEPS: u32 = 50;
 
 /// A scene ready to be moved and drawn.
 pub struct Stage {
