@@ -195,7 +195,14 @@ impl Stage {
     /// What reading back gives.
     pub fn frame(&mut self, also: &[DVec3]) -> Result<()> {
         if self.scene.camera.is_unset() {
-            let mut points = self.positions()?;
+            let positions = self.positions()?;
+            // Grids have nodes of no tet, which are never seen and may be anywhere.
+            let mut seen = vec![false; positions.len()];
+            for v in self.mesh.tets.iter().flatten() {
+                seen[*v as usize] = true;
+            }
+            let seen = positions.iter().zip(&seen).filter(|(_, seen)| **seen);
+            let mut points: Vec<DVec3> = seen.map(|(x, _)| *x).collect();
             points.extend_from_slice(also);
             self.camera = self.scene.camera(&self.mesh, &points, self.size)?;
         }
