@@ -103,7 +103,7 @@ fn moving(
         material.damping_time = 0.5 * undamped.unwrap_or(0.0);
     }
     let mut body = Body::new(gpu, mesh, &material)?;
-    body.pin_lowest_end(9.81);
+    body.hold_one_end(9.81);
     let limit = largest_stable_step(body.network(), body.pinned(), kind);
     let solver = kind.solver(gpu, &body)?;
     Ok((body, solver, limit.map_or(0.01, |limit| 0.5 * limit)))

@@ -33,7 +33,7 @@ fn main() -> anyhow::Result<()> {
     let gpu = Gpu::from_wgpu(&adapter, device.clone(), queue.clone());
     let mesh = generate::ball(0.05, 8)?;
     let mut body = Body::new(&gpu, &mesh, &Material::very_soft_tissue())?;
-    body.pin_lowest_end(9.81);
+    body.hold_one_end(9.81);
     let mut solver = SolverKind::Implicit.solver(&gpu, &body)?;
     let depth = palpate::mesh::depth_field(&mesh, &Topology::new(&mesh));
     let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth.values)?;

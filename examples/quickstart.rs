@@ -16,7 +16,7 @@ fn main() -> palpate::Result<()> {
     let gpu = Gpu::new()?;
     let mesh = palpate::io::read(&file)?;
     let mut body = Body::new(&gpu, &mesh, &Material::soft_tissue())?;
-    println!("{}", body.pin_lowest_end(2.0));
+    println!("{}", body.hold_one_end(2.0));
 
     let mut solver = ImplicitEuler::new(&gpu, &body)?;
     solver.run(&mut body, 30, 0.01)?;

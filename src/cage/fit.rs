@@ -8,6 +8,8 @@ use rayon::prelude::*;
 const ITERATIONS: usize = 3000;
 /// Relative residual at which they stop.
 const TOLERANCE: f64 = 1e-4;
+/// The same where only the size of a load is asked for.
+const ROUGH: f64 = 1e-3;
 
 /// A list for each load case: loads, N, or displacements under them, m.
 pub(super) type Cases = Vec<Vec<DVec3>>;
@@ -26,6 +28,8 @@ pub(super) struct Held<'a> {
     free: Vec<bool>,
     /// The inverse diagonal blocks of the stiffness.
     inverse: Vec<DMat3>,
+    /// Relative residual at which conjugate gradients stop.
+    tolerance: f64,
 }
 
 impl<'a> Held<'a> {
@@ -63,6 +67,7 @@ impl<'a> Held<'a> {
             rows,
             free,
             inverse,
+            tolerance: TOLERANCE,
         }
     }
 
@@ -116,7 +121,7 @@ impl<'a> Held<'a> {
         let mut direction = z.clone();
         let mut rz = dot(&r, &z);
         for _ in 0..ITERATIONS {
-            if rz <= TOLERANCE * TOLERANCE * scale {
+            if rz <= self.tolerance * self.tolerance * scale {
                 break;
             }
             let q = self.product(&direction);
@@ -194,4 +199,25 @@ fn reached(rows: &[Vec<(u32, DVec3)>], pinned: &[bool]) -> Vec<bool> {
         }
     }
     free
+}
+
+/// A network held at some nodes: how it gives under a load, for small displacements.
+pub(crate) struct Compliance<'a>(Held<'a>);
+
+impl<'a> Compliance<'a> {
+    /// None where nothing can move, or nothing is held.
+    pub fn new(network: &'a SpringNetwork, pinned: &[bool]) -> Option<Compliance<'a>> {
+        let mut held = Held::new(network, pinned);
+        held.tolerance = ROUGH;
+        held.moves().then_some(Compliance(held))
+    }
+
+    /// How far each node gives under `load` (N on the nodes), m, and the rate of the slowest
+    /// swing about there, rad/s.
+    pub fn answer(&self, load: &[DVec3]) -> (Vec<DVec3>, f64) {
+        let loads = vec![load.to_vec()];
+        let mut given = self.0.given(&loads, None);
+        let rate = self.0.slowest(&loads, &given).max(0.0).sqrt();
+        (given.pop().unwrap_or_default(), rate)
+    }
 }

@@ -10,4 +10,5 @@ mod fit;
 mod model;
 
 pub use embedding::Embedding;
+pub(crate) use fit::Compliance;
 pub use model::{Cage, CageKind, CageReport};

@@ -200,7 +200,7 @@ impl Cage {
     /// the three axes. Coarse cells bend less readily than fine ones, and this makes up for it.
     /// Finds the damping of the slowest swing too.
     ///
-    /// Bodies that hang on nothing are held at the lowest end of their longest axis for it.
+    /// Bodies that hang on nothing are held at one end for it, as [`SpringNetwork::held_end`] finds it.
     ///
     /// Returns the factor, 1 where none could be found.
     ///
@@ -261,15 +261,13 @@ impl Cage {
         Ok(factor)
     }
 
-    /// Pins at the lowest end of the longest axis, of the fine body and of the cage.
+    /// Pins at the end that holds the fine body best, of it and of the cage.
     fn held_at_one_end(&self, fine: &SpringNetwork) -> (Vec<bool>, Vec<bool>) {
-        let (low, high) = crate::mesh::bounds(&fine.rest);
-        let axis = (high - low).max_position();
-        let limit = low[axis] + 0.05 * (high - low)[axis];
-        let fine_pinned: Vec<bool> = fine.rest.iter().map(|x| x[axis] <= limit).collect();
-        let held: Vec<u32> = (0..fine_pinned.len() as u32)
-            .filter(|v| fine_pinned[*v as usize])
-            .collect();
+        let held = fine.held_end(DVec3::NEG_Z).0.nodes;
+        let mut fine_pinned = vec![false; fine.rest.len()];
+        for v in &held {
+            fine_pinned[*v as usize] = true;
+        }
         let mut pinned = vec![false; self.network.rest.len()];
         for v in self.nodes_for(&held) {
             pinned[v as usize] = true;

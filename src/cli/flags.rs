@@ -8,7 +8,7 @@ use std::str::FromStr;
 /// Flags of `render` and `simulate`; each overrides what a scene file says.
 #[derive(Args, Clone, Debug, Default)]
 pub struct SceneFlags {
-    /// Node field to see; default: the first scalar, or the depth below the surface
+    /// Field to see; default: the regions, the first scalar, or the depth below the surface
     #[arg(long, help_heading = "Picture")]
     pub field: Option<String>,
     /// Transfer function: a JSON file or a preset (an unknown name lists them)
@@ -37,7 +37,7 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Picture")]
     pub bits: Option<u32>,
 
-    /// Camera position x,y,z in the mesh's units; default: the whole mesh is framed
+    /// Camera position x,y,z in the mesh's units; default: all that moves is framed
     #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
     pub eye: Option<Triple>,
     /// Point the camera looks at
@@ -56,7 +56,8 @@ pub struct SceneFlags {
     /// explicit, symplectic, verlet, velocity-verlet or implicit; default: the mesh stays at rest
     #[arg(long, help_heading = "Physics")]
     pub solver: Option<String>,
-    /// Step size in seconds [default: 0.01 implicit, the largest stable step otherwise]
+    /// Step size in seconds [default: 0.01 implicit, or longer where nothing pulls the body but the
+    /// load chosen for it; the largest stable step otherwise]
     #[arg(long, help_heading = "Physics")]
     pub dt: Option<f64>,
     /// Steps before the picture, or between frames [default: 50 for a picture]
@@ -80,7 +81,8 @@ pub struct SceneFlags {
     /// About how many tets the scene's generator makes
     #[arg(long, help_heading = "Mesh")]
     pub tets: Option<usize>,
-    /// Gravity x,y,z in m/s²
+    /// Gravity x,y,z in m/s² [default: with nothing else that holds or pulls, a load that suits
+    /// the body's stiffness; 9.81 down otherwise]
     #[arg(long, help_heading = "Physics", value_parser = triple, allow_hyphen_values = true)]
     pub gravity: Option<Triple>,
 }

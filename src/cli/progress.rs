@@ -1,31 +1,301 @@
-//! Progress bars, on a terminal; silence elsewhere.
+//! Progress: a bar on a terminal, a line every few seconds elsewhere.
 
 use indicatif::{ProgressBar, ProgressStyle};
+use palpate::scene::Stage;
+use std::io::{IsTerminal, Write};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time between two lines where standard error is no terminal.
+const INTERVAL: Duration = Duration::from_secs(5);
+/// Thousandths, of which a bar of one named part of the work consists.
+const WHOLE: u64 = 1000;
+
+/// What is being done, and how far it is.
+pub struct Progress {
+    bar: ProgressBar,
+    lines: Option<Lines>,
+}
+
+impl Progress {
+    /// Says nothing until something takes longer than an interval.
+    fn new(bar: ProgressBar, state: State) -> Progress {
+        let quiet = std::io::stderr().is_terminal();
+        Progress {
+            bar,
+            lines: (!quiet).then(|| Lines::start(state, INTERVAL, to_stderr)),
+        }
+    }
+
+    /// So many are done.
+    pub fn set_position(&self, done: u64) {
+        self.bar.set_position(done);
+        self.change(|state| state.done = done);
+    }
+
+    /// One more is done.
+    pub fn inc(&self, more: u64) {
+        self.bar.inc(more);
+        self.change(|state| state.done += more);
+    }
+
+    /// What is being done, or a number that goes with it.
+    pub fn detail(&self, detail: String) {
+        self.change(|state| state.detail = detail);
+    }
+
+    fn change(&self, change: impl FnOnce(&mut State)) {
+        if let Some(lines) = &self.lines {
+            change(&mut lock(&lines.shared.0));
+        }
+    }
+}
 
 /// Shows a bar over `total` things called `what` while `work` is done.
-pub fn over<T>(what: &'static str, total: u64, work: impl FnOnce(&ProgressBar) -> T) -> T {
+pub fn over<T>(what: &'static str, total: u64, work: impl FnOnce(&Progress) -> T) -> T {
     let bar = ProgressBar::new(total);
     let template = "{msg} {wide_bar} {pos}/{len} [{elapsed} < {eta}]";
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style);
     }
     bar.set_message(what);
-    let result = work(&bar);
-    bar.finish_and_clear();
+    let progress = Progress::new(bar, State::new(what, total));
+    let result = work(&progress);
+    progress.bar.finish_and_clear();
     result
 }
 
 /// Shows what is being done, by name and fraction, while `work` is.
 pub fn stages<T>(work: impl FnOnce(&(dyn Fn(&str, f64) + Sync)) -> T) -> T {
-    const WHOLE: u64 = 1000;
     let bar = ProgressBar::new(WHOLE);
     if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} [{elapsed}]") {
         bar.set_style(style);
     }
+    let progress = Progress::new(bar, State::new("", 0));
     let result = work(&|what, done| {
-        bar.set_message(what.to_owned());
-        bar.set_position((done * WHOLE as f64) as u64);
+        progress.bar.set_message(what.to_owned());
+        progress.bar.set_position((done * WHOLE as f64) as u64);
+        progress.change(|state| {
+            state.what = what.to_owned();
+            state.share = Some(done);
+        });
     });
-    bar.finish_and_clear();
+    progress.bar.finish_and_clear();
     result
+}
+
+/// Says that `what` is being done, where that takes long.
+pub fn during<T>(what: &str, work: impl FnOnce() -> T) -> T {
+    let bar = ProgressBar::hidden();
+    let progress = Progress::new(bar, State::new(what, 0));
+    let result = work();
+    drop(progress);
+    result
+}
+
+/// Runs `steps` steps of `stage`, telling how many are done and what the last one took.
+///
+/// # Errors
+/// As [`Stage::run`].
+pub fn run(
+    stage: &mut Stage,
+    steps: u32,
+    told: &mut dyn FnMut(u32, Option<u32>),
+) -> palpate::Result<()> {
+    let iterates = |stage: &Stage| {
+        let progress = stage.motion().and_then(|m| m.progress());
+        progress.map(|p| p.last.iterations).filter(|n| *n > 0)
+    };
+    let implicit = stage
+        .motion()
+        .is_some_and(|m| m.kind() == palpate::physics::SolverKind::Implicit);
+    if !implicit {
+        return stage.run(steps, &mut |done| told(done, None));
+    }
+    for done in 1..=steps {
+        stage.run(1, &mut |_| {})?;
+        told(done, iterates(stage));
+    }
+    Ok(())
+}
+
+/// How iterations of the last step are told.
+pub fn iterations(count: Option<u32>) -> String {
+    count.map_or(String::new(), |n| {
+        format!("{n} iterations in the last step")
+    })
+}
+
+/// What lines are made from.
+#[derive(Clone, Debug)]
+struct State {
+    what: String,
+    detail: String,
+    done: u64,
+    /// How many there are to do; 0 where that is not known.
+    total: u64,
+    /// The share that is done, where nothing is counted.
+    share: Option<f64>,
+    start: Instant,
+    ended: bool,
+}
+
+impl State {
+    fn new(what: &str, total: u64) -> State {
+        State {
+            what: what.to_owned(),
+            detail: String::new(),
+            done: 0,
+            total,
+            share: None,
+            start: Instant::now(),
+            ended: false,
+        }
+    }
+
+    /// The line that says it.
+    fn line(&self) -> String {
+        let elapsed = self.start.elapsed().as_secs_f64();
+        let mut line = match (self.total, self.share) {
+            (0, None) => self.what.clone(),
+            (0, Some(share)) => format!("{}: {:.0} %", self.what, 100.0 * share),
+            (total, _) => format!("{} {} of {total}", self.what, self.done),
+        };
+        if !self.detail.is_empty() {
+            line += &format!(", {}", self.detail);
+        }
+        line += &format!(", {} so far", duration(elapsed));
+        if self.total > 0 && self.done > 0 {
+            let left = elapsed * self.total.saturating_sub(self.done) as f64 / self.done as f64;
+            line += &format!(", about {} left", duration(left));
+        }
+        line
+    }
+}
+
+/// A thread that says what is being done, at intervals, until it is dropped.
+struct Lines {
+    shared: Arc<(Mutex<State>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Lines {
+    fn start(
+        state: State,
+        interval: Duration,
+        mut say: impl FnMut(&str) + Send + 'static,
+    ) -> Lines {
+        let shared = Arc::new((Mutex::new(state), Condvar::new()));
+        let theirs = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name("progress".into())
+            .spawn(move || {
+                let mut state = lock(&theirs.0);
+                let mut due = Instant::now() + interval;
+                while !state.ended {
+                    let wait = due.saturating_duration_since(Instant::now());
+                    if wait.is_zero() {
+                        let line = state.line();
+                        drop(state);
+                        say(&line);
+                        due = Instant::now() + interval;
+                        state = lock(&theirs.0);
+                        continue;
+                    }
+                    state = match theirs.1.wait_timeout(state, wait) {
+                        Ok((state, _)) => state,
+                        Err(poisoned) => poisoned.into_inner().0,
+                    };
+                }
+            });
+        Lines {
+            shared,
+            // Without a thread there are no lines, and the work goes on.
+            thread: thread.ok(),
+        }
+    }
+}
+
+impl Drop for Lines {
+    fn drop(&mut self) {
+        lock(&self.shared.0).ended = true;
+        self.shared.1.notify_all();
+        if let Some(thread) = self.thread.take() {
+            // A line that could not be written is no reason to fail.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The state, also after a panic elsewhere.
+fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner())
+}
+
+fn to_stderr(line: &str) {
+    // Nothing is left to tell it to if standard error is closed.
+    let _ = writeln!(std::io::stderr(), "palpate: {line}");
+}
+
+/// Seconds in words: `8 s`, `3 min 5 s`, `2 h 10 min`.
+fn duration(seconds: f64) -> String {
+    let seconds = seconds.max(0.0).round() as u64;
+    match seconds {
+        0..60 => format!("{seconds} s"),
+        60..3600 => format!("{} min {} s", seconds / 60, seconds % 60),
+        _ => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_tell_step_time_left_and_iterations_at_intervals_and_then_end() {
+        let said = Arc::new(Mutex::new(Vec::new()));
+        let ours = Arc::clone(&said);
+        let mut state = State::new("steps", 50);
+        state.start -= Duration::from_secs(65);
+        let lines = Lines::start(state, Duration::from_millis(20), move |line| {
+            ours.lock().unwrap().push(line.to_owned());
+        });
+        {
+            let mut state = lock(&lines.shared.0);
+            state.done = 25;
+            state.detail = iterations(Some(311));
+        }
+        while said.lock().unwrap().len() < 3 {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        drop(lines);
+        let told = said.lock().unwrap().clone();
+        let last = told.last().unwrap();
+        let start = "steps 25 of 50, 311 iterations in the last step, 1 min";
+        assert!(last.starts_with(start) && last.ends_with(" left"), "{last}");
+        std::thread::sleep(Duration::from_millis(60));
+        assert_eq!(said.lock().unwrap().len(), told.len());
+    }
+
+    #[test]
+    fn work_that_is_quickly_done_says_nothing() {
+        let said = Arc::new(Mutex::new(0));
+        let ours = Arc::clone(&said);
+        let state = State::new("steps", 5);
+        drop(Lines::start(state, Duration::from_secs(60), move |_| {
+            *ours.lock().unwrap() += 1;
+        }));
+        assert_eq!(*said.lock().unwrap(), 0);
+    }
+
+    #[test]
+    fn parts_of_the_work_are_told_by_name_and_share() {
+        let mut state = State::new("lattice", 0);
+        state.share = Some(0.25);
+        assert_eq!(state.line(), "lattice: 25 %, 0 s so far");
+        assert_eq!(duration(3700.0), "1 h 1 min");
+    }
 }

@@ -7,7 +7,7 @@ use glam::DVec2;
 use palpate::gpu::Gpu;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
-use palpate::scene::Stage;
+use palpate::scene::{Run, STEPS, Stage};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -43,15 +43,26 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         .transpose()?;
     let last = series.as_ref().and_then(|frames| frames.last());
     let input = last.map_or(&arguments.input, |frame| &frame.file);
-    let mut stage = Stage::new(gpu, &arguments.scene.scene(input)?)?;
+    let mut scene = arguments.scene.scene(input)?;
+    scene.solver.run = Some(Run {
+        steps: scene.solver.steps.unwrap_or(STEPS),
+        drawn: false,
+    });
+    let mut stage = progress::during("preparing", || Stage::new(gpu, &scene))?;
     super::tell(stage.notes());
     let steps = stage.steps();
     let outcome = progress::over("steps", u64::from(steps), |bar| {
-        stage.run(steps, &mut |done| bar.set_position(u64::from(done)))
+        progress::run(&mut stage, steps, &mut |done, iterations| {
+            bar.set_position(u64::from(done));
+            bar.detail(progress::iterations(iterations));
+        })
     });
+    if steps > 0 {
+        stage.frame(&[])?;
+    }
     // Also when the simulation failed: its last good state is worth a look.
     if let Some(out) = &arguments.out {
-        stage.save(out)?;
+        progress::during("drawing", || stage.save(out))?;
     }
     if let Some(path) = &arguments.mesh_out {
         super::tell(&io::write(path, &stage.deformed_mesh()?)?);
@@ -64,7 +75,8 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         println!("{:#}", picked(&stage, pixel)?);
     }
     if arguments.measure.repeat.is_some() || arguments.measure.report.is_some() {
-        let report = stage.measure(arguments.measure.repeat.unwrap_or(1))?;
+        let frames = arguments.measure.repeat.unwrap_or(1);
+        let report = progress::during("measuring", || stage.measure(frames))?;
         match &arguments.measure.report {
             Some(path) => io::atomic_write(path, |file| {
                 serde_json::to_writer_pretty(file, &report)
@@ -87,8 +99,9 @@ fn picked(stage: &Stage, pixel: DVec2) -> palpate::Result<Value> {
         return Ok(Value::Null);
     };
     let mesh = stage.mesh();
-    let label = mesh
-        .field("label", Location::Cell)
+    let field = mesh.region_field();
+    let label = field
+        .or_else(|| mesh.field("label", Location::Cell))
         .and_then(|field| field.values.get(pick.tet as usize))
         .map(|label| *label as i64);
     let name = label.and_then(|label| mesh.region_names.get(&label));

@@ -3,9 +3,10 @@
 use super::flags::SceneFlags;
 use super::{Outcome, progress};
 use clap::Args;
+use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
-use palpate::scene::Stage;
+use palpate::scene::{Run, Stage};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `simulate`.
@@ -35,15 +36,19 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     if super::is_series(&arguments.input) {
         return play(gpu, arguments);
     }
-    let scene = arguments.scene.scene(&arguments.input)?;
-    let mut stage = Stage::new(gpu, &scene)?;
+    let mut scene = arguments.scene.scene(&arguments.input)?;
+    let steps = scene.solver.steps.unwrap_or(1);
+    scene.solver.run = Some(Run {
+        steps: steps.saturating_mul(arguments.frames),
+        drawn: !arguments.no_pictures,
+    });
+    let mut stage = progress::during("preparing", || Stage::new(gpu, &scene))?;
     super::tell(stage.notes());
     if stage.motion().is_none() {
         anyhow::bail!(
             "nothing moves: name a solver in the scene or with --solver (implicit, for example)"
         );
     }
-    let steps = scene.solver.steps.unwrap_or(1);
     let name = arguments
         .input
         .file_stem()
@@ -60,7 +65,13 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
             for frame in 0..=arguments.frames {
                 let moved = match frame {
                     0 => Ok(()),
-                    _ => stage.run(steps, &mut |_| {}),
+                    _ => progress::run(&mut stage, steps, &mut |done, iterations| {
+                        let iterations = progress::iterations(iterations);
+                        bar.detail(match iterations.is_empty() {
+                            true => format!("step {done} of {steps}"),
+                            false => format!("step {done} of {steps}, {iterations}"),
+                        });
+                    }),
                 };
                 // Also when the simulation failed: its last good state is the last frame.
                 if !arguments.no_pictures {
@@ -86,6 +97,22 @@ fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     };
     let mut stage = Stage::new(gpu, &arguments.scene.scene(&first.file)?)?;
     super::tell(stage.notes());
+    // All frames are in the picture: of each, the corners of its bounds.
+    let mut reach = Vec::new();
+    for frame in &frames {
+        let (low, high) = io::read(&frame.file)?.bounds();
+        reach.extend((0..8).map(|i| {
+            let pick = |axis: usize| {
+                if i >> axis & 1 == 0 {
+                    low[axis]
+                } else {
+                    high[axis]
+                }
+            };
+            DVec3::new(pick(0), pick(1), pick(2))
+        }));
+    }
+    stage.frame(&reach)?;
     let name = arguments
         .input
         .file_stem()

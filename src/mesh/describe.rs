@@ -4,7 +4,6 @@ use super::{
     BoundaryShape, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
 };
 use rayon::slice::ParallelSliceMut;
-use std::collections::BTreeMap;
 use std::fmt;
 
 /// Everything `palpate info` tells of a mesh; its JSON keys are the names of these members.
@@ -51,7 +50,9 @@ pub struct Description {
     pub quality: QualityReport,
     /// Every field.
     pub fields: Vec<FieldDescription>,
-    /// The regions: values of the cell field `label`.
+    /// The cell field that says which region a tet belongs to, if one does.
+    pub region_field: Option<String>,
+    /// The regions: the values of that field.
     pub regions: Vec<RegionDescription>,
     /// Metres in one unit of the mesh, where that is known.
     pub length_unit: Option<f64>,
@@ -91,7 +92,7 @@ impl FieldDescription {
 /// What `palpate info` tells of a region.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RegionDescription {
-    /// Its value in the cell field `label`.
+    /// Its value in the field of the regions.
     pub label: i64,
     /// Its name, where it is known.
     pub name: Option<String>,
@@ -101,30 +102,22 @@ pub struct RegionDescription {
     pub volume: f64,
 }
 
-/// The regions by the cell field `label`; none where that is no field of whole numbers.
-fn regions(mesh: &TetMesh) -> Vec<RegionDescription> {
-    let Some(field) = mesh.field("label", Location::Cell) else {
-        return Vec::new();
+/// The field that says the regions, or a `label` that is the same throughout; and its regions.
+fn regions(mesh: &TetMesh) -> (Option<String>, Vec<RegionDescription>) {
+    let field = mesh.region_field();
+    let Some(field) = field.or_else(|| mesh.field("label", Location::Cell)) else {
+        return (None, Vec::new());
     };
-    let whole = |v: &f64| v.fract() == 0.0 && v.abs() < 1e15;
-    if field.components != 1 || !field.values.iter().all(whole) {
-        return Vec::new();
-    }
-    let mut regions: BTreeMap<i64, (usize, f64)> = BTreeMap::new();
-    for (t, label) in field.values.iter().enumerate() {
-        let (tets, volume) = regions.entry(*label as i64).or_default();
-        *tets += 1;
-        *volume += mesh.tet_volume(t);
-    }
-    regions
-        .into_iter()
+    let regions = mesh.regions_of(field).into_iter();
+    let regions: Vec<RegionDescription> = regions
         .map(|(label, (tets, volume))| RegionDescription {
             label,
             name: mesh.region_names.get(&label).cloned(),
             tets,
             volume,
         })
-        .collect()
+        .collect();
+    ((!regions.is_empty()).then(|| field.name.clone()), regions)
 }
 
 impl Description {
@@ -134,6 +127,7 @@ impl Description {
         let shape = BoundaryShape::new(mesh, &topology);
         let (low, high) = mesh.bounds();
         let repairs = &mesh.repairs;
+        let (region_field, regions) = regions(mesh);
         let mut description = Description {
             nodes: mesh.nodes.len(),
             tets: mesh.tets.len(),
@@ -155,7 +149,8 @@ impl Description {
             crowded_faces: repairs.crowded_faces,
             quality: QualityReport::new(mesh),
             fields: mesh.fields.iter().map(FieldDescription::new).collect(),
-            regions: regions(mesh),
+            region_field,
+            regions,
             length_unit: mesh.length_unit,
             warnings: repairs.warnings.clone(),
         };
@@ -246,8 +241,8 @@ impl fmt::Display for Description {
         if let Some(unit) = self.length_unit {
             writeln!(f, "unit             {unit} m")?;
         }
-        if !self.regions.is_empty() {
-            writeln!(f, "regions")?;
+        if let Some(field) = &self.region_field {
+            writeln!(f, "regions          by the field \"{field}\"")?;
         }
         for region in &self.regions {
             writeln!(

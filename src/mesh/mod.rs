@@ -13,6 +13,7 @@ pub mod generate;
 mod order;
 mod packed_normal;
 mod quality;
+mod region_field;
 mod region_surface;
 mod repair;
 mod smooth;

@@ -173,32 +173,17 @@ impl Body {
         Ok(())
     }
 
-    /// Pins the nodes in the lowest 5 % of the longest axis of the bounds and lets `gravity`
-    /// (m/s²) act across it: what is done where nothing else was asked for. Returns a sentence
-    /// that says so.
-    pub fn pin_lowest_end(&mut self, gravity: f64) -> String {
-        let rest = &self.network.rest;
-        let (low, high) = crate::mesh::bounds(rest);
-        let extent = high - low;
-        let axis = extent.max_position();
-        // Down is −z, unless the body stands along z.
-        let down = if axis == 2 {
-            DVec3::NEG_Y
-        } else {
-            DVec3::NEG_Z
-        };
-        let limit = low[axis] + 0.05 * extent[axis];
-        for (pinned, x) in self.pinned.iter_mut().zip(rest) {
-            *pinned |= x[axis] <= limit;
+    /// Holds the body by the end that suits it ([`SpringNetwork::held_end`]) and lets `gravity`
+    /// (m/s²) act across it. Returns a sentence that says so.
+    pub fn hold_one_end(&mut self, gravity: f64) -> String {
+        let (end, _) = self.network.held_end(DVec3::NEG_Z);
+        for v in &end.nodes {
+            self.pinned[*v as usize] = true;
         }
         self.masses_changed = true;
-        self.set_gravity(gravity * down);
-        format!(
-            "pinned the {} nodes in the lowest 5 % of {}, the longest axis; gravity of {gravity} m/s² acts along {}",
-            self.pinned_count(),
-            ["x", "y", "z"][axis],
-            if axis == 2 { "-y" } else { "-z" },
-        )
+        self.set_gravity(gravity * end.across());
+        let along = if end.axis == 2 { "-y" } else { "-z" };
+        format!("held {end}; gravity of {gravity} m/s² acts along {along}")
     }
 
     /// Lets every node go.

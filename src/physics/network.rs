@@ -1,6 +1,7 @@
 //! The particles and springs of a body, in float64 and SI units: what the GPU's arrays are made
 //! from, and what the reference steps.
 
+use super::hold::HeldEnd;
 use super::material::{Damping, Material, RegionMaterial, Stiffness};
 use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
 use crate::{Error, Result};
@@ -42,6 +43,13 @@ pub struct SpringNetwork {
 }
 
 impl SpringNetwork {
+    /// The end by which the body is held where nobody said, `down` being the way loads go: a flat
+    /// one, or what it stands on; see [`HeldEnd::of_pieces`]. Also the number of its pieces.
+    pub fn held_end(&self, down: DVec3) -> (HeldEnd, usize) {
+        let ties = self.springs.iter().map(|s| s.nodes);
+        HeldEnd::of_pieces(&self.rest, &self.masses, ties, down)
+    }
+
     /// The network of `mesh` made of `material`.
     ///
     /// # Errors

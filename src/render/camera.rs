@@ -74,6 +74,12 @@ impl Camera {
 
     /// As [`Camera::framing`], for a picture of `size` pixels (width, height).
     pub fn framing_for(mesh: &TetMesh, size: [u32; 2]) -> Camera {
+        Camera::framing_points(mesh, &mesh.nodes, size)
+    }
+
+    /// As [`Camera::framing_for`], with all of `points` in the picture in place of the mesh's
+    /// nodes: of a body that moves, wherever it comes.
+    pub fn framing_points(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
         let (low, high) = mesh.bounds();
         let extent = high - low;
         // The longest axis lies across the picture or stands up in it, never along the view.
@@ -85,13 +91,14 @@ impl Camera {
             (false, _, false) => (DVec3::Y, DVec3::NEG_Z, DVec3::X),
         };
         let back = (short + 0.5 * long + 0.4 * up).normalize();
+        let (low, high) = crate::mesh::bounds(points);
+        let extent = high - low;
         let mut camera = Camera::perspective((low + high) / 2.0, DVec3::ZERO, up, FRAMING_FOV);
         camera.look_at = camera.eye - back;
         let axes = camera.axes();
         let aspect = f64::from(size[0].max(1)) / f64::from(size[1].max(1));
         let slope = (FRAMING_FOV.to_radians() / 2.0).tan() * FRAMED_SHARE;
-        let distance = mesh
-            .nodes
+        let distance = points
             .iter()
             .map(|p| {
                 let q = *p - camera.eye;

@@ -1,12 +1,14 @@
 //! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
 
 use super::Scene;
-use super::motion::{GRAVITY, Mover, damping_to_bear, step_of};
+use super::motion::{Mover, Pull, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, CageReport, Embedding};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridBody;
-use crate::physics::{Body, Material, Nodes, SolverKind, SpringNetwork, largest_stable_step};
+use crate::physics::{
+    Body, HeldEnd, Material, Nodes, SolverKind, SpringNetwork, largest_stable_step,
+};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -84,7 +86,7 @@ impl Scene {
         mesh: &TetMesh,
         material: &Material,
         notes: &mut Vec<String>,
-    ) -> Result<(Mover, f64, Caged)> {
+    ) -> Result<(Mover, Pull, Caged)> {
         let form = entry.kind.unwrap_or_default();
         if form == CageKind::Grid && kind != SolverKind::Verlet {
             return Err(Error::Input(format!(
@@ -103,7 +105,7 @@ impl Scene {
         }
         let fine = SpringNetwork::new(mesh, material)?;
         let mut cage = Cage::new(mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
-        let (held, gravity) = self.held(mesh, notes)?;
+        let (held, end) = self.held(mesh, &fine)?;
         let mut own = Vec::new();
         for nodes in &held {
             own.extend(cage.nodes_for(nodes));
@@ -111,6 +113,12 @@ impl Scene {
         let fine_pinned = flags(&held.concat(), mesh.nodes.len());
         let pinned = flags(&own, cage.mesh.nodes.len());
         let forces = self.forces(mesh)?;
+        // The step of an explicit scheme is not known yet; the load is one for implicit ones then.
+        let dt = step_of(self.solver.dt, None, notes);
+        let implicit = SolverKind::Implicit;
+        let fine_held = (&fine, fine_pinned.as_slice());
+        let mut pull = self.pull(implicit, fine_held, end, forces.as_deref(), dt, notes);
+        let gravity = pull.gravity;
         let load = forces.as_ref().map(|forces| -> Vec<DVec3> {
             let both = forces.iter().zip(&fine.masses);
             both.map(|(f, m)| *f + *m * gravity).collect()
@@ -157,11 +165,17 @@ impl Scene {
                     Some(_) => None,
                     None => largest_stable_step(body.network(), body.pinned(), kind),
                 };
-                let dt = step_of(self.solver.dt, limit, notes);
+                let dt = match kind == implicit {
+                    true => pull.dt,
+                    false => step_of(self.solver.dt, limit, notes),
+                };
                 let solver = self.solver_of(gpu, kind, &body)?;
                 (Mover::Tets(Box::new(body), solver), dt)
             }
         };
+        if kind != implicit {
+            pull.dt = dt;
+        }
         let transfer = cage.transfer().clone();
         let embedding = Embedding::with_transfer(gpu, transfer, mover.nodes(), mesh)?;
         let caged = Caged {
@@ -169,32 +183,21 @@ impl Scene {
             report,
             embedding,
         };
-        Ok((mover, dt, caged))
+        Ok((mover, pull, caged))
     }
 
-    /// The nodes of `mesh` that each pin holds, and gravity; without any pin, one end.
-    fn held(&self, mesh: &TetMesh, notes: &mut Vec<String>) -> Result<(Vec<Vec<u32>>, DVec3)> {
-        let own = self.solver.gravity.map(DVec3::from);
+    /// The nodes of `mesh` that each pin holds; without any pin, one end, which is returned too
+    /// with the number of pieces.
+    fn held(
+        &self,
+        mesh: &TetMesh,
+        fine: &SpringNetwork,
+    ) -> Result<(Vec<Vec<u32>>, Option<(HeldEnd, usize)>)> {
         if !self.pin.is_empty() {
             let held = self.pin.iter().map(|region| region.nodes(mesh));
-            let held = held.collect::<Result<_>>()?;
-            return Ok((held, own.unwrap_or(GRAVITY * DVec3::NEG_Z)));
+            return Ok((held.collect::<Result<_>>()?, None));
         }
-        let (low, high) = mesh.bounds();
-        let axis = (high - low).max_position();
-        let limit = low[axis] + 0.05 * (high - low)[axis];
-        let end = (0..mesh.nodes.len() as u32).filter(|v| mesh.nodes[*v as usize][axis] <= limit);
-        let down = if axis == 2 {
-            DVec3::NEG_Y
-        } else {
-            DVec3::NEG_Z
-        };
-        let end: Vec<u32> = end.collect();
-        notes.push(format!(
-            "pinned what carries the {} nodes in the lowest 5 % of {}, the longest axis; gravity acts across it",
-            end.len(),
-            ["x", "y", "z"][axis]
-        ));
-        Ok((vec![end], own.unwrap_or(GRAVITY * down)))
+        let (end, pieces) = self.held_end(fine);
+        Ok((vec![end.nodes.clone()], Some((end, pieces))))
     }
 }

@@ -136,9 +136,10 @@ impl MaterialEntry {
                     .into(),
             ));
         }
-        let Some(labels) = mesh.field("label", Location::Cell) else {
+        let labels = mesh.field("label", Location::Cell);
+        let Some(labels) = labels.or_else(|| mesh.region_field()) else {
             return Err(Error::Input(
-                "tissues need a cell field called `label`, which the mesh has not".into(),
+                "tissues need a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
             ));
         };
         material.region_field = Some(labels.name.clone());

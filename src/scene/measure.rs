@@ -44,6 +44,8 @@ pub struct StageReport {
     pub volume_ratio: f64,
     /// The farthest any node is from where it rested, in file units.
     pub max_displacement: f64,
+    /// Diagonal of the bounds of the mesh at rest, in file units: what to hold it against.
+    pub diagonal: f64,
     /// Tets turned inside out.
     pub inverted: u64,
     /// Simulated time, s.
@@ -93,6 +95,7 @@ impl Stage {
             })
         });
         let time = self.time();
+        let bounds = self.mesh.bounds();
         let asleep = self.motion().is_some_and(Motion::asleep);
         let steps_slept = self.motion().map_or(0, Motion::steps_slept);
         // What is measured is done.
@@ -125,6 +128,7 @@ impl Stage {
             energy: state.map(|s: Report| s.energy),
             volume_ratio: state.map_or(1.0, |s| s.volume_ratio),
             max_displacement: state.map_or(0.0, |s| s.max_displacement),
+            diagonal: (bounds.1 - bounds.0).length(),
             inverted: picture.inverted.into(),
             time,
             cage: self.motion().and_then(Motion::cage),

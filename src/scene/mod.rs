@@ -31,11 +31,13 @@
 
 mod cage;
 mod grid;
+mod load;
 mod material;
 mod measure;
 mod motion;
 mod picture;
 mod region;
+mod regions;
 mod skin;
 mod sleep;
 mod source;
@@ -52,7 +54,7 @@ pub use motion::{Motion, Mover};
 pub(crate) use picture::SIZE;
 pub use region::{Axis, LabelOrName, Region};
 pub use source::Seen;
-pub use stage::Stage;
+pub use stage::{STEPS, Stage};
 
 use crate::mesher::{Length, Window};
 use crate::skin::Mapping;
@@ -241,6 +243,20 @@ pub struct SolverEntry {
     pub tolerance: Option<f64>,
     /// Whether the body falls asleep when it is at rest; it does where nothing is said.
     pub sleep: Option<bool>,
+    /// The run that is ahead. With it, a body that nothing holds, pulls or cuts gets a load and
+    /// an implicit step that suit its stiffness, in place of the earth's gravity and 0.01 s, and
+    /// a view that nobody chose shows all that moves. Set by the command line.
+    #[serde(skip)]
+    pub run: Option<Run>,
+}
+
+/// A run that is ahead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Its steps in all.
+    pub steps: u32,
+    /// Whether pictures are drawn on the way, which have to be framed before it is over.
+    pub drawn: bool,
 }
 
 /// A force shared by the nodes of a region.
@@ -387,11 +403,20 @@ pub struct CameraEntry {
     pub orthographic: Option<f64>,
 }
 
+impl CameraEntry {
+    /// Whether nothing of the view is said.
+    pub fn is_unset(&self) -> bool {
+        let places = [self.eye, self.look_at, self.up];
+        places.iter().all(Option::is_none) && self.fov.is_none() && self.orthographic.is_none()
+    }
+}
+
 /// The picture.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PictureEntry {
-    /// The node field that is seen; the first scalar there is, or the depth below the surface.
+    /// The field that is seen. Where nothing is said: the regions, a colour each, unless there is
+    /// a `transfer`; or the first scalar at the nodes, or the depth below the surface.
     pub field: Option<String>,
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
     pub transfer: Option<String>,

@@ -2,6 +2,7 @@
 
 use super::Scene;
 use super::cage::Caged;
+use super::load::{Response, said, weight};
 use super::sleep::Sleep;
 use super::touch::Hand;
 use crate::cage::CageReport;
@@ -9,8 +10,8 @@ use crate::gpu::{Gpu, Recorder};
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridBody, GridModel, GridShape};
 use crate::physics::{
-    Body, ConjugateGradients, GrabId, Grip, ImplicitEuler, Material, Nodes, Progress, Report,
-    Solver, SolverKind, SpringNetwork, largest_stable_step,
+    Body, ConjugateGradients, GrabId, Grip, HeldEnd, ImplicitEuler, Material, Nodes, Progress,
+    Report, Solver, SolverKind, SpringNetwork, largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -47,6 +48,18 @@ pub struct Motion {
     progress: Option<Progress>,
     sleep: Sleep,
     pub(super) caged: Option<Box<Caged>>,
+    /// Points, in file units, that pictures of the whole run should show.
+    pub(super) reach: Option<Vec<DVec3>>,
+}
+
+/// What pulls a body, by which step it is followed, and how far it will go.
+pub(super) struct Pull {
+    /// m/s².
+    pub gravity: DVec3,
+    /// s.
+    pub dt: f64,
+    /// Points, in file units, that pictures of the whole run should show.
+    pub reach: Option<Vec<DVec3>>,
 }
 
 impl Motion {
@@ -77,6 +90,7 @@ impl Motion {
         notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);
         let mut caged = None;
+        let mut reach = None;
         let (body, dt) = match (shape, &scene.cage) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
@@ -87,12 +101,17 @@ impl Motion {
                 scene.grid_mover(gpu, kind, mesh, shape, &material, &mut notes)?
             }
             (None, Some(entry)) => {
-                let (body, dt, carried) =
+                let (body, pull, carried) =
                     scene.caged_mover(gpu, entry, kind, mesh, &material, &mut notes)?;
                 caged = Some(Box::new(carried));
-                (body, dt)
+                reach = pull.reach;
+                (body, pull.dt)
             }
-            (None, None) => scene.tet_mover(gpu, kind, mesh, material, &mut notes)?,
+            (None, None) => {
+                let (body, pull) = scene.tet_mover(gpu, kind, mesh, material, &mut notes)?;
+                reach = pull.reach;
+                (body, pull.dt)
+            }
         };
         let motion = Motion {
             body,
@@ -101,6 +120,7 @@ impl Motion {
             progress: None,
             sleep: Sleep::new(scene.solver.sleep.unwrap_or(true)),
             caged,
+            reach,
         };
         Ok((motion, notes))
     }
@@ -416,7 +436,7 @@ impl Scene {
         mesh: &TetMesh,
         mut material: Material,
         notes: &mut Vec<String>,
-    ) -> Result<(Mover, f64)> {
+    ) -> Result<(Mover, Pull)> {
         if self.material.damping.is_none() && kind != SolverKind::Implicit {
             material.damping_time = 0.0;
             if let Some((damping, said)) =
@@ -427,14 +447,30 @@ impl Scene {
             }
         }
         let mut body = Body::new(gpu, mesh, &material)?;
-        notes.extend(self.hold_and_pull(mesh, &mut body)?);
+        for region in &self.pin {
+            body.pin_nodes(&region.nodes(mesh)?)?;
+        }
+        let end = match self.pin.is_empty() {
+            true => Some(self.held_end(body.network())),
+            false => None,
+        };
+        if let Some((end, _)) = &end {
+            body.pin_nodes(&end.nodes)?;
+        }
+        let forces = self.forces(mesh)?;
+        if let Some(forces) = &forces {
+            body.set_forces(forces)?;
+        }
         let limit = match self.solver.dt {
             Some(_) => None,
             None => largest_stable_step(body.network(), body.pinned(), kind),
         };
         let dt = step_of(self.solver.dt, limit, notes);
+        let (network, pinned) = (body.network(), body.pinned());
+        let pull = self.pull(kind, (network, pinned), end, forces.as_deref(), dt, notes);
+        body.set_gravity(pull.gravity);
         let solver = self.solver_of(gpu, kind, &body)?;
-        Ok((Mover::Tets(Box::new(body), solver), dt))
+        Ok((Mover::Tets(Box::new(body), solver), pull))
     }
 
     fn grid_mover(
@@ -465,19 +501,15 @@ impl Scene {
             pinned.extend(region.nodes(mesh)?);
         }
         if self.pin.is_empty() && self.grab.is_empty() {
-            let (low, high) = mesh.bounds();
-            let axis = (high - low).max_position();
-            let end = low[axis] + 0.05 * (high - low)[axis];
-            pinned = (0..mesh.nodes.len() as u32)
-                .filter(|v| mesh.nodes[*v as usize][axis] <= end)
-                .collect();
-            if axis == 2 {
-                gravity = GRAVITY * DVec3::NEG_Y;
-            }
+            let has = |v: &u32| body.model().shape.regions[*v as usize] != 0;
+            let there: Vec<u32> = (0..mesh.nodes.len() as u32).filter(has).collect();
+            let masses = vec![1.0; mesh.nodes.len()];
+            let end = HeldEnd::among(&mesh.nodes, &masses, &there, self.down());
+            gravity = GRAVITY * end.across();
             notes.push(format!(
-                "pinned the particles in the lowest 5 % of {}, the longest axis; gravity of {GRAVITY} m/s² acts across it",
-                ["x", "y", "z"][axis]
+                "held {end}; gravity of {GRAVITY} m/s² acts across it"
             ));
+            pinned = end.nodes;
         }
         body.pin_nodes(&pinned);
         body.set_gravity(self.solver.gravity.map_or(gravity, DVec3::from));
@@ -517,24 +549,88 @@ impl Scene {
         kind.solver(gpu, body)
     }
 
-    /// Applies pins, gravity and forces; without any pin, holds the body at one end.
-    fn hold_and_pull(&self, mesh: &TetMesh, body: &mut Body) -> Result<Vec<String>> {
-        let mut notes = Vec::new();
-        if self.pin.is_empty() {
-            notes.push(body.pin_lowest_end(GRAVITY));
-        } else {
-            body.set_gravity(GRAVITY * DVec3::NEG_Z);
+    /// The way loads go: that of the scene's gravity, or −z.
+    fn down(&self) -> DVec3 {
+        let given = self.solver.gravity.map(DVec3::from);
+        given.map_or(DVec3::NEG_Z, |g| match g.length() > 0.0 {
+            true => g.normalize(),
+            false => DVec3::NEG_Z,
+        })
+    }
+
+    /// The end by which a body is held that the scene does not pin, and the number of its pieces.
+    pub(super) fn held_end(&self, network: &SpringNetwork) -> (HeldEnd, usize) {
+        network.held_end(self.down())
+    }
+
+    /// Gravity and step: those of the scene; where it is silent and a run is ahead, such as suit
+    /// the body's stiffness. `held` are the springs and which nodes are pinned, `end` says which
+    /// end was chosen for that, if one was.
+    pub(super) fn pull(
+        &self,
+        kind: SolverKind,
+        held: (&SpringNetwork, &[bool]),
+        end: Option<(HeldEnd, usize)>,
+        forces: Option<&[DVec3]>,
+        dt: f64,
+        notes: &mut Vec<String>,
+    ) -> Pull {
+        let (network, pinned) = held;
+        let across = end.as_ref().map_or(DVec3::NEG_Z, |(end, _)| end.across());
+        let given = self.solver.gravity.map(DVec3::from);
+        let mut pull = Pull {
+            gravity: given.unwrap_or(GRAVITY * across),
+            dt,
+            reach: None,
+        };
+        let silent = given.is_none()
+            && forces.is_none()
+            && self.grab.is_empty()
+            && self.cut.is_empty()
+            && end.is_some();
+        let ahead = self.solver.run.filter(|run| run.steps > 0);
+        let mut how = format!("gravity of {} acts", said(pull.gravity.length()));
+        if let (true, Some(run)) = (silent, ahead)
+            && let Some(response) = Response::new(network, pinned, &weight(network, across))
+        {
+            if self.solver.dt.is_none() && kind == SolverKind::Implicit {
+                pull.dt = response.step(run.steps, IMPLICIT_STEP);
+            }
+            let factor = response.factor(kind, run.steps, pull.dt);
+            pull.gravity = factor * across;
+            pull.reach = Some(response.reach(network, pinned, factor, (kind, run.steps, pull.dt)));
+            how = format!(
+                "a load of {}, by which it gives about a tenth of its size, acts",
+                said(factor)
+            );
+        } else if let Some(run) = ahead.filter(|run| run.drawn && self.camera.is_unset()) {
+            let mut load = weight(network, pull.gravity);
+            for (load, force) in load.iter_mut().zip(forces.unwrap_or_default()) {
+                *load += *force;
+            }
+            let response = Response::new(network, pinned, &load);
+            pull.reach = response.map(|r| r.reach(network, pinned, 1.0, (kind, run.steps, dt)));
         }
-        for region in &self.pin {
-            body.pin_nodes(&region.nodes(mesh)?)?;
+        for point in pull.reach.iter_mut().flatten() {
+            *point = network.to_file(*point);
         }
-        if let Some(gravity) = self.solver.gravity {
-            body.set_gravity(gravity.into());
+        if let Some((end, pieces)) = end {
+            let pieces = match pieces {
+                1 => String::new(),
+                n => format!(" and an end of each of its {n} pieces"),
+            };
+            let along = along(pull.gravity);
+            notes.push(format!(
+                "held {end}{pieces}; {how} along {along} ([[pin]] and --gravity say otherwise)"
+            ));
         }
-        if let Some(forces) = self.forces(mesh)? {
-            body.set_forces(&forces)?;
+        if pull.dt != dt {
+            notes.push(format!(
+                "steps of {:.3} s, in which the run takes in half a swing (--dt says otherwise)",
+                pull.dt
+            ));
         }
-        Ok(notes)
+        pull
     }
 
     /// The force on each node of `mesh`, if there are any.
@@ -547,5 +643,19 @@ impl Scene {
             }
         }
         Ok((!self.force.is_empty()).then_some(forces))
+    }
+}
+
+/// A direction in words.
+fn along(vector: DVec3) -> String {
+    let unit = vector.normalize_or_zero();
+    let axis = unit.abs().max_position();
+    match unit[axis].abs() > 0.999 {
+        true => format!(
+            "{}{}",
+            if unit[axis] < 0.0 { "-" } else { "+" },
+            ["x", "y", "z"][axis]
+        ),
+        false => format!("({:.3}, {:.3}, {:.3})", unit.x, unit.y, unit.z),
     }
 }

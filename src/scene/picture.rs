@@ -38,7 +38,7 @@ impl Scene {
     ) -> Result<(Raycaster, Surface)> {
         let (positions, frame) = (nodes.array(), nodes.frame());
         let geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
-        let transfer = self.transfer()?;
+        let transfer = self.transfer(seen)?;
         let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
             true => SurfaceColour::Field(transfer.clone()),
             false => SurfaceColour::Plain(SKIN_COLOUR),
@@ -48,9 +48,13 @@ impl Scene {
         Ok((raycaster, surface))
     }
 
-    pub(crate) fn transfer(&self) -> Result<TransferFunction> {
+    /// The scene's transfer function, or what suits `seen`.
+    pub(crate) fn transfer(&self, seen: &Seen) -> Result<TransferFunction> {
         match self.picture.transfer.as_deref() {
-            None => TransferFunction::preset("tissue"),
+            None => match &seen.transfer {
+                Some(own) => Ok(own.clone()),
+                None => TransferFunction::preset("tissue"),
+            },
             Some(json) if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
             Some(file) if file.ends_with(".json") => TransferFunction::read(file),
             Some(name) => TransferFunction::preset(name),
@@ -129,11 +133,17 @@ impl Scene {
         }
     }
 
-    /// The camera: the whole mesh framed, and what the scene says laid over it.
-    pub(super) fn camera(&self, mesh: &TetMesh, size: [u32; 2]) -> Result<Camera> {
+    /// The camera: all of `points` framed, as suits the shape of `mesh`, and what the scene says
+    /// laid over it.
+    pub(super) fn camera(
+        &self,
+        mesh: &TetMesh,
+        points: &[DVec3],
+        size: [u32; 2],
+    ) -> Result<Camera> {
         use crate::render::Projection;
         let entry = &self.camera;
-        let mut camera = Camera::framing_for(mesh, size);
+        let mut camera = Camera::framing_points(mesh, points, size);
         if let Some(look_at) = entry.look_at {
             // The eye keeps its place relative to what is looked at.
             camera.eye += DVec3::from(look_at) - camera.look_at;

@@ -136,9 +136,10 @@ impl Region {
 }
 
 fn labelled_nodes(mesh: &TetMesh, label: i64) -> Result<Vec<bool>> {
-    let field = mesh.field("label", Location::Cell).ok_or_else(|| {
+    let field = mesh.field("label", Location::Cell);
+    let field = field.or_else(|| mesh.region_field()).ok_or_else(|| {
         Error::Input(
-            "a region by label needs a cell field called `label`, which the mesh has not".into(),
+            "a region by label needs a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
         )
     })?;
     let mut chosen = vec![false; mesh.nodes.len()];

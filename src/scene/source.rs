@@ -1,10 +1,11 @@
 //! From a scene's `[mesh]` and `field` to a mesh and the scalar that is seen.
 
+use super::regions::Regions;
 use super::{LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, TetMesh, Topology, depth_field, generate};
 use crate::mesher::{Labels, Recipe, Size};
-use crate::render::Scalars;
+use crate::render::{Scalars, TransferFunction};
 use crate::{Error, Result};
 
 /// Names that readers give to reference numbers: labels, not quantities.
@@ -88,11 +89,29 @@ pub struct Seen {
     pub cells: Option<Vec<f64>>,
     /// Smallest and largest value.
     pub range: (f64, f64),
-    /// How it was come by, when nobody asked for it.
+    /// How it was come by, when nobody asked for it; of regions, which colour is which.
     pub note: Option<String>,
+    /// What shows it, where the scene has no transfer function: regions have one of their own.
+    pub transfer: Option<TransferFunction>,
 }
 
 impl Seen {
+    /// The regions that `field` says, by number from 0, with their colours; `unasked` says what
+    /// else could be seen.
+    fn regions(mesh: &TetMesh, topology: &Topology, field: &Field, unasked: bool) -> Result<Seen> {
+        let regions = Regions::new(mesh, topology, field)?;
+        let also = first_scalar(mesh).filter(|_| unasked);
+        let also = also.map(|f| format!("; --field \"{}\" shows that scalar", f.name));
+        Ok(Seen {
+            name: field.name.clone(),
+            values: means_around_nodes(mesh, &regions.numbers),
+            range: (0.0, (regions.count - 1) as f64),
+            cells: Some(regions.numbers),
+            note: Some(regions.legend + also.as_deref().unwrap_or("")),
+            transfer: Some(regions.transfer),
+        })
+    }
+
     /// The values, as a geometry takes them.
     pub fn scalars(&self) -> Scalars<'_> {
         match &self.cells {
@@ -103,24 +122,34 @@ impl Seen {
 }
 
 impl Scene {
-    /// The scalar to see: the field named by the scene, else the first scalar node field that
-    /// varies, else the cell field `label` if it does, else the depth below the surface. Vectors
-    /// are seen by their length.
+    /// The scalar to see: the field named by the scene; else, without a transfer function of its
+    /// own, the regions ([`TetMesh::region_field`]), if there are several; else the first scalar
+    /// node field that varies, else the regions' labels, else the depth below the surface.
+    /// Vectors are seen by their length. A field of regions is seen in a colour for each region,
+    /// unless the scene has a transfer function.
     ///
     /// # Errors
     /// [`Error::Input`] listing the fields when the one named does not exist or is not finite.
     pub fn seen(&self, mesh: &TetMesh, topology: &Topology) -> Result<Seen> {
-        let found = || first_scalar(mesh).or_else(|| labels(mesh)).cloned();
+        let plain = self.picture.transfer.is_none();
+        let regions = || mesh.region_field();
+        let found = || match plain {
+            true => regions().or_else(|| first_scalar(mesh)),
+            false => first_scalar(mesh).or_else(regions),
+        };
         let (field, note) = match &self.picture.field {
             Some(name) => (named_field(mesh, name)?, None),
             None => match found() {
-                Some(field) => (field, None),
+                Some(field) => (field.clone(), None),
                 None => (
                     depth_field(mesh, topology),
                     Some("the mesh has no scalar field that varies: seen is the depth below its surface".to_owned()),
                 ),
             },
         };
+        if plain && mesh.says_regions(&field) {
+            return Seen::regions(mesh, topology, &field, self.picture.field.is_none());
+        }
         let scalars = tuple_lengths(&field);
         let (values, cells) = match field.location {
             Location::Node => (scalars, None),
@@ -145,6 +174,7 @@ impl Scene {
             cells,
             range,
             note,
+            transfer: None,
         })
     }
 }
@@ -172,13 +202,6 @@ fn first_scalar(mesh: &TetMesh) -> Option<&Field> {
             && f.range().is_some_and(|(low, high)| low < high)
             && !LABEL_FIELDS.iter().any(|prefix| f.name.starts_with(prefix))
     })
-}
-
-/// The labels of the regions, if there are several.
-fn labels(mesh: &TetMesh) -> Option<&Field> {
-    let field = mesh.field("label", Location::Cell)?;
-    let varies = field.range().is_some_and(|(low, high)| low < high);
-    (field.components == 1 && varies).then_some(field)
 }
 
 /// One number for each tuple: vectors by their length.

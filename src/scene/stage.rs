@@ -17,7 +17,7 @@ use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
 /// Steps before a picture where a scene names a solver but no number of steps.
-const STEPS: u32 = 50;
+pub const STEPS: u32 = 50;
 
 /// A scene ready to be moved and drawn.
 pub struct Stage {
@@ -123,9 +123,14 @@ impl Stage {
         };
         let (raycaster, surface) = scene.painters(gpu, &mesh, &topology, &seen, actor.nodes())?;
         let size = scene.picture.size.unwrap_or(SIZE);
+        let reach = match &actor {
+            Actor::Moving(motion) => motion.reach.as_ref(),
+            Actor::Posed(_) => None,
+        };
+        let points = reach.unwrap_or(&mesh.nodes);
         let mut stage = Stage {
             gpu: gpu.clone(),
-            camera: scene.camera(&mesh, size)?,
+            camera: scene.camera(&mesh, points, size)?,
             size,
             shown: scene.shown()?,
             background: scene.background()?,
@@ -181,6 +186,27 @@ impl Stage {
     /// The view.
     pub fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
+    }
+
+    /// Frames the body as it stands now, and all of `also`, unless the scene says anything of the
+    /// view.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn frame(&mut self, also: &[DVec3]) -> Result<()> {
+        if self.scene.camera.is_unset() {
+            let positions = self.positions()?;
+            // Grids have nodes of no tet, which are never seen and may be anywhere.
+            let mut seen = vec![false; positions.len()];
+            for v in self.mesh.tets.iter().flatten() {
+                seen[*v as usize] = true;
+            }
+            let seen = positions.iter().zip(&seen).filter(|(_, seen)| **seen);
+            let mut points: Vec<DVec3> = seen.map(|(x, _)| *x).collect();
+            points.extend_from_slice(also);
+            self.camera = self.scene.camera(&self.mesh, &points, self.size)?;
+        }
+        Ok(())
     }
 
     /// Draws pictures of this size from now on.

@@ -167,7 +167,7 @@ impl Subject {
             positions: stage.deformed_mesh()?.nodes,
             scalars: seen.values.clone(),
             cells: seen.cells.clone(),
-            transfer: scene.transfer()?,
+            transfer: scene.transfer(seen)?,
             mesh: stage.mesh().clone(),
             camera: *stage.camera_mut(),
         })

@@ -120,7 +120,7 @@ impl Cube {
 
     fn body(&self, gpu: &Gpu) -> Result<Body> {
         let mut body = Body::new(gpu, &self.mesh, &Material::soft_tissue())?;
-        body.pin_lowest_end(9.81);
+        body.hold_one_end(9.81);
         Ok(body)
     }
 

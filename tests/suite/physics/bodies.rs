@@ -265,7 +265,7 @@ fn the_default_load_says_what_it_does() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar([4, 2, 2], DVec3::new(0.06, 0.06, 0.12)).unwrap();
     let mut body = Body::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
-    let said = body.pin_lowest_end(9.81);
+    let said = body.hold_one_end(9.81);
     assert_eq!(body.gravity(), DVec3::new(0.0, -9.81, 0.0));
     let pinned = body.pinned().iter().filter(|p| **p).count();
     assert!(

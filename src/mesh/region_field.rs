@@ -1,0 +1,159 @@
+//! Which cell field says what region each tet belongs to.
+
+use super::{Field, Location, TetMesh};
+use std::collections::{BTreeMap, HashSet};
+
+/// The most regions: a field of more values numbers something else.
+const MOST_REGIONS: usize = 128;
+/// Words in the names of fields that say regions, the surest first.
+const REGION_WORDS: [&[&str]; 5] = [
+    &["label", "labels"],
+    &["region", "regions", "regionid", "tissue", "tissues"],
+    &[
+        "material",
+        "materials",
+        "materialid",
+        "materialids",
+        "mat",
+        "matid",
+        "physical",
+        "segment",
+        "segments",
+        "segmentation",
+        "organ",
+        "structure",
+    ],
+    &[
+        "part",
+        "parts",
+        "partid",
+        "domain",
+        "domains",
+        "subdomain",
+        "subdomains",
+        "block",
+        "blockid",
+        "zone",
+        "group",
+        "component",
+        "attribute",
+        "ref",
+        "reference",
+        "tag",
+        "tags",
+        "marker",
+        "cellentityids",
+    ],
+    &[
+        "geometrical",
+        "entity",
+        "body",
+        "bodies",
+        "object",
+        "objectid",
+    ],
+];
+/// Words in the names of fields that number tets, or say how they were shared out to processes.
+const NUMBERING_WORDS: [&str; 14] = [
+    "element",
+    "elementid",
+    "elementids",
+    "cell",
+    "cellid",
+    "cellids",
+    "globalid",
+    "globalids",
+    "index",
+    "rank",
+    "proc",
+    "process",
+    "partition",
+    "ghost",
+];
+
+impl TetMesh {
+    /// The cell field that says which region each tet belongs to: whole numbers, at least two of
+    /// them and at most 128, fewer than there are tets. Of several, names that usually mean
+    /// regions go first (`label`, `region`, `material`, `part`, …) and names of numberings last;
+    /// among equals the first in the file. A constant field says nothing.
+    pub fn region_field(&self) -> Option<&Field> {
+        let fields = self.fields.iter().filter(|f| self.says_regions(f));
+        fields.min_by_key(|f| rank(&f.name))
+    }
+
+    /// Whether the values of `field` can be regions.
+    pub fn says_regions(&self, field: &Field) -> bool {
+        if field.location != Location::Cell || field.components != 1 {
+            return false;
+        }
+        let mut values = HashSet::new();
+        for v in &field.values {
+            if v.fract() != 0.0 || v.abs() >= 1e15 {
+                return false;
+            }
+            values.insert(*v as i64);
+            if values.len() > MOST_REGIONS {
+                return false;
+            }
+        }
+        values.len() > 1 && values.len() < field.values.len()
+    }
+
+    /// The regions that `field` says, by value: how many tets each has, and their volume. Empty
+    /// where it is no scalar of whole numbers in the tets.
+    pub(crate) fn regions_of(&self, field: &Field) -> BTreeMap<i64, (usize, f64)> {
+        let whole = |v: &f64| v.fract() == 0.0 && v.abs() < 1e15;
+        let mut regions: BTreeMap<i64, (usize, f64)> = BTreeMap::new();
+        let scalar = field.location == Location::Cell && field.components == 1;
+        if !scalar || !field.values.iter().all(whole) {
+            return regions;
+        }
+        for (t, label) in field.values.iter().enumerate() {
+            let (tets, volume) = regions.entry(*label as i64).or_default();
+            *tets += 1;
+            *volume += self.tet_volume(t);
+        }
+        regions
+    }
+}
+
+/// How surely a field of this name says regions: 0 the most.
+fn rank(name: &str) -> usize {
+    if name == "label" {
+        return 0;
+    }
+    let lower = name.to_lowercase();
+    let words: Vec<&str> = lower
+        .split(|c: char| !c.is_alphanumeric())
+        .map(|w| w.trim_end_matches(|c: char| c.is_ascii_digit()))
+        .filter(|w| !w.is_empty())
+        .collect();
+    let has = |known: &[&str]| words.iter().any(|w| known.contains(w));
+    match REGION_WORDS.iter().position(|known| has(known)) {
+        Some(rank) => 1 + rank,
+        None if has(&NUMBERING_WORDS) => 2 + REGION_WORDS.len(),
+        None => 1 + REGION_WORDS.len(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rank;
+
+    #[test]
+    fn names_that_mean_regions_go_before_others_and_numberings_last() {
+        let ordered = [
+            "label",
+            "Region_ID",
+            "gmsh:physical",
+            "part",
+            "gmsh:geometrical",
+            "whatever",
+            "element_id",
+        ];
+        assert!(ordered.windows(2).all(|w| rank(w[0]) < rank(w[1])));
+        assert_eq!(rank("MaterialIds"), rank("gmsh:physical"));
+        assert_eq!(rank("tetgen:ref2"), rank("medit:ref"));
+        assert!(rank("cell_tags") < rank("whatever"));
+    }
+}

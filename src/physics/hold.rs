@@ -1,0 +1,243 @@
+//! Where a body is held when nobody said: at an end with enough behind it.
+
+use glam::DVec3;
+
+/// An end is firm where its mean cross-section is at least this share of the body's own.
+const FIRM: f64 = 0.35;
+/// Shares of an axis that are tried, thinnest first.
+const SLABS: [f64; 5] = [0.05, 0.1, 0.15, 0.2, 0.25];
+/// Axes along which the body is shorter than this share of its longest are tried last.
+const LONG: f64 = 0.5;
+/// Fewer nodes than this hold nothing.
+const LEAST: usize = 3;
+
+/// A held end of a body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeldEnd {
+    /// Its nodes.
+    pub nodes: Vec<u32>,
+    /// The axis across which it lies: 0, 1 or 2.
+    pub axis: usize,
+    /// Whether it is the upper end of that axis.
+    pub upper: bool,
+    /// The share of the bounds along the axis that it takes up.
+    pub share: f64,
+    /// Its mean cross-section over the body's.
+    pub firmness: f64,
+}
+
+impl HeldEnd {
+    /// The end that holds nodes at `points` with these masses best: a flat one of the longest axis
+    /// (the lower of two alike), else of the next, else the lowest part along `down`, thick
+    /// enough that it is no tip. `among` are the nodes looked at.
+    pub fn among(points: &[DVec3], masses: &[f64], among: &[u32], down: DVec3) -> HeldEnd {
+        let places: Vec<DVec3> = among.iter().map(|v| points[*v as usize]).collect();
+        let (low, high) = crate::mesh::bounds(&places);
+        let extent = high - low;
+        let total: f64 = among.iter().map(|v| masses[*v as usize]).sum();
+        let slab = |axis: usize, upper: bool, share: f64| {
+            let limit = share * extent[axis];
+            let within = |v: &&u32| {
+                let x = points[**v as usize][axis];
+                match upper {
+                    false => x <= low[axis] + limit,
+                    true => x >= high[axis] - limit,
+                }
+            };
+            let nodes: Vec<u32> = among.iter().filter(within).copied().collect();
+            let mass: f64 = nodes.iter().map(|v| masses[*v as usize]).sum();
+            let firmness = mass / (share * total).max(f64::MIN_POSITIVE);
+            HeldEnd {
+                firmness: if nodes.len() < LEAST { 0.0 } else { firmness },
+                nodes,
+                axis,
+                upper,
+                share,
+            }
+        };
+        let mut axes = [0, 1, 2];
+        // Stable: among equals x goes first, as in `max_position`.
+        axes.sort_by(|a, b| extent[*b].total_cmp(&extent[*a]));
+        let longest = extent.max_element();
+        // Where a body stands or hangs along an axis, only its lower end will do.
+        let stands = |axis: usize| down.normalize_or_zero()[axis].abs() > 0.9;
+        let best_of = |axis: usize, share: f64| {
+            let ends = [slab(axis, false, share), slab(axis, true, share)];
+            let [lower, upper] = ends;
+            match stands(axis) {
+                true if down[axis] > 0.0 => upper,
+                true => lower,
+                false if upper.firmness > 1.5 * lower.firmness => upper,
+                false => lower,
+            }
+        };
+        let flat = axes
+            .iter()
+            .filter(|a| extent[**a] >= LONG * longest)
+            .map(|axis| best_of(*axis, SLABS[0]))
+            .find(|end| end.firmness >= FIRM);
+        if let Some(flat) = flat {
+            return flat;
+        }
+        axes.sort_by_key(|axis| !stands(*axis));
+        let candidates = SLABS
+            .iter()
+            .flat_map(|s| axes.map(|axis| best_of(axis, *s)));
+        let mut best: Option<HeldEnd> = None;
+        for end in candidates {
+            if end.firmness >= FIRM {
+                return end;
+            }
+            if best.as_ref().is_none_or(|b| end.firmness > b.firmness) {
+                best = Some(end);
+            }
+        }
+        match best {
+            Some(best) if !best.nodes.is_empty() => best,
+            _ => slab(axes[0], false, 1.0),
+        }
+    }
+
+    /// As [`HeldEnd::among`], of the largest piece that `ties` between nodes hold together; nodes
+    /// of the ends of the other pieces are added, so that none falls. Also the number of pieces.
+    pub fn of_pieces(
+        points: &[DVec3],
+        masses: &[f64],
+        ties: impl Iterator<Item = [u32; 2]>,
+        down: DVec3,
+    ) -> (HeldEnd, usize) {
+        let mut pieces = pieces(points.len(), ties);
+        let mass = |piece: &Vec<u32>| piece.iter().map(|v| masses[*v as usize]).sum::<f64>();
+        pieces.retain(|piece| mass(piece) > 0.0);
+        pieces.sort_by(|a, b| mass(b).total_cmp(&mass(a)));
+        let mut ends = pieces
+            .iter()
+            .map(|piece| HeldEnd::among(points, masses, piece, down));
+        let Some(mut held) = ends.next() else {
+            let all: Vec<u32> = (0..points.len() as u32).collect();
+            return (HeldEnd::among(points, masses, &all, down), 1);
+        };
+        ends.for_each(|end| held.nodes.extend(end.nodes));
+        held.nodes.sort_unstable();
+        (held, pieces.len())
+    }
+
+    /// The direction across the end in which a load bends the body most visibly: −z, or −y where
+    /// the end lies across z.
+    pub fn across(&self) -> DVec3 {
+        match self.axis {
+            2 => DVec3::NEG_Y,
+            _ => DVec3::NEG_Z,
+        }
+    }
+}
+
+impl std::fmt::Display for HeldEnd {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "the {} nodes in the {} {:.0} % of {}",
+            self.nodes.len(),
+            if self.upper { "highest" } else { "lowest" },
+            100.0 * self.share,
+            ["x", "y", "z"][self.axis.min(2)]
+        )
+    }
+}
+
+/// The pieces into which `count` nodes fall that are tied two by two.
+fn pieces(count: usize, ties: impl Iterator<Item = [u32; 2]>) -> Vec<Vec<u32>> {
+    let mut parent: Vec<u32> = (0..count as u32).collect();
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            parent[v as usize] = parent[parent[v as usize] as usize];
+            v = parent[v as usize];
+        }
+        v
+    }
+    for [a, b] in ties {
+        let (a, b) = (root(&mut parent, a), root(&mut parent, b));
+        parent[a.max(b) as usize] = a.min(b);
+    }
+    let mut pieces: std::collections::BTreeMap<u32, Vec<u32>> = std::collections::BTreeMap::new();
+    for v in 0..count as u32 {
+        pieces.entry(root(&mut parent, v)).or_default().push(v);
+    }
+    pieces.into_values().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn end_of(points: &[DVec3]) -> HeldEnd {
+        let masses = vec![1.0; points.len()];
+        let all: Vec<u32> = (0..points.len() as u32).collect();
+        HeldEnd::among(points, &masses, &all, DVec3::NEG_Z)
+    }
+
+    /// Points of a grid that lie inside.
+    fn points(size: [usize; 3], inside: impl Fn(DVec3) -> bool) -> Vec<DVec3> {
+        let [nx, ny, nz] = size;
+        let all = (0..nx * ny * nz)
+            .map(|i| DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / nx / ny) as f64));
+        all.filter(|p| inside(*p)).collect()
+    }
+
+    #[test]
+    fn a_bar_is_held_at_the_lower_end_of_its_longest_axis() {
+        let end = end_of(&points([41, 9, 9], |_| true));
+        assert_eq!((end.axis, end.upper, end.share), (0, false, 0.05));
+    }
+
+    #[test]
+    fn a_cone_is_held_at_its_base_whichever_way_it_points() {
+        for upper in [false, true] {
+            let cone = points([81, 31, 31], |p| {
+                let along = if upper { p.x } else { 80.0 - p.x };
+                (p.y - 15.0).hypot(p.z - 15.0) <= 15.0 * along / 80.0
+            });
+            let end = end_of(&cone);
+            assert_eq!((end.axis, end.upper), (0, upper));
+            assert!(end.firmness > 1.0);
+        }
+    }
+
+    #[test]
+    fn a_ball_is_held_at_its_lowest_part_and_not_by_its_tip() {
+        let ball = points([31, 31, 31], |p| p.distance(DVec3::splat(15.0)) <= 15.0);
+        let end = end_of(&ball);
+        assert_eq!((end.axis, end.upper), (2, false));
+        assert!(end.share > 0.05 && end.firmness >= FIRM, "{end:?}");
+    }
+
+    #[test]
+    fn a_spindle_on_legs_is_held_by_what_it_stands_on() {
+        let beast = points([121, 21, 31], |p| {
+            let x = (p.x - 60.0) / 60.0;
+            let body = (p.y - 10.0).hypot(p.z - 20.0) <= 9.0 * (1.0 - x * x);
+            let leg = (30.0..90.0).contains(&p.x) && p.x % 30.0 < 10.0 && p.z < 15.0;
+            body || leg
+        });
+        let end = end_of(&beast);
+        assert_eq!((end.axis, end.upper), (2, false), "{end:?}");
+    }
+
+    #[test]
+    fn every_piece_is_held() {
+        let one = points([21, 5, 5], |_| true);
+        let count = one.len() as u32;
+        let two: Vec<DVec3> = one
+            .iter()
+            .copied()
+            .chain(one.iter().map(|p| *p + 50.0 * DVec3::Y))
+            .collect();
+        let ties = (0..2 * count - 1)
+            .filter(|i| *i != count - 1)
+            .map(|i| [i, i + 1]);
+        let masses = vec![1.0; two.len()];
+        let (held, pieces) = HeldEnd::of_pieces(&two, &masses, ties, DVec3::NEG_Z);
+        assert_eq!(pieces, 2);
+        assert!(held.nodes.iter().any(|v| *v < count) && held.nodes.iter().any(|v| *v >= count));
+    }
+}

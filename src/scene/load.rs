@@ -1,0 +1,214 @@
+//! What pulls a body, how fast and how far, where a scene does not say: from its stiffness.
+
+use super::motion::GRAVITY;
+use crate::cage::Compliance;
+use crate::mesh::bounds;
+use crate::physics::{SolverKind, SpringNetwork};
+use glam::DVec3;
+
+/// How far a body should give, over its diagonal.
+const SAG: f64 = 0.12;
+/// The most it may give on the way, where it swings back before the end, and the least it should
+/// have given at the end.
+const MOST: f64 = 0.25;
+const LEAST: f64 = 0.06;
+/// The load goes no further beyond the one that would give the sag in the end, however short the
+/// run is.
+const HASTE: f64 = 4.0;
+/// A half swing takes at least so many steps.
+const STEPS_A_SWING: u32 = 20;
+/// How much farther than foreseen a body may go before it leaves the picture, and how far back
+/// beyond its rest.
+const MARGIN: f64 = 1.3;
+const RECOIL: f64 = 0.15;
+/// A body that would give farther than this, over its diagonal, swings like a pendulum.
+const FAR: f64 = 0.5;
+
+/// How a held body answers to a load that grows at once and stays.
+pub(super) struct Response {
+    /// Where each node would come to rest, m from where it is.
+    given: Vec<DVec3>,
+    /// Rate of the slowest swing, rad/s.
+    rate: f64,
+    /// Diagonal of the bounds, m.
+    diagonal: f64,
+    damping_time: f64,
+}
+
+/// How far a run goes, over where the load would leave the body in the end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Course {
+    peak: f64,
+    end: f64,
+}
+
+impl Response {
+    /// The answer of `network`, held at `pinned`, to the forces `load`, N on the nodes; none where
+    /// nothing can move.
+    pub fn new(network: &SpringNetwork, pinned: &[bool], load: &[DVec3]) -> Option<Response> {
+        let (given, rate) = Compliance::new(network, pinned)?.answer(load);
+        let (low, high) = bounds(&network.rest);
+        let response = Response {
+            given,
+            rate,
+            diagonal: (high - low).length(),
+            damping_time: network.damping_time,
+        };
+        let most = response.most();
+        (most > 0.0 && most.is_finite() && rate > 0.0 && rate.is_finite()).then_some(response)
+    }
+
+    /// The farthest that any node goes, m.
+    fn most(&self) -> f64 {
+        self.given.iter().map(|u| u.length()).fold(0.0, f64::max)
+    }
+
+    /// A step in which the half swing fits into `steps` of them, or `least` where that is longer.
+    pub fn step(&self, steps: u32, least: f64) -> f64 {
+        let half = std::f64::consts::PI / self.rate;
+        (half / f64::from(steps.max(STEPS_A_SWING))).max(least)
+    }
+
+    /// The slowest swing alone, as the solver steps it.
+    fn course(&self, kind: SolverKind, steps: u32, dt: f64) -> Course {
+        let stiffness = self.rate * self.rate;
+        let damping = self.damping_time * stiffness;
+        let (mut x, mut v, mut peak) = (0.0f64, 0.0, 0.0f64);
+        for _ in 0..steps.max(1) {
+            let force = stiffness * (1.0 - x);
+            v = match kind {
+                SolverKind::Implicit => {
+                    (v + dt * force) / (1.0 + dt * damping + dt * dt * stiffness)
+                }
+                _ => v + dt * (force - damping * v),
+            };
+            x += dt * v;
+            peak = peak.max(x);
+        }
+        Course { peak, end: x }
+    }
+
+    /// The factor on the load for which the body gives by about a tenth of its size in the run.
+    pub fn factor(&self, kind: SolverKind, steps: u32, dt: f64) -> f64 {
+        let size = self.diagonal / self.most();
+        let course = self.course(kind, steps, dt);
+        let mut factor = SAG * size / course.peak;
+        if course.end > 0.0 && factor * course.end < LEAST * size {
+            factor = (LEAST * size / course.end).min(MOST * size / course.peak);
+        }
+        match factor.is_finite() && factor > 0.0 {
+            true => factor.min(HASTE * SAG * size),
+            false => SAG * size,
+        }
+    }
+
+    /// Points, in the unit of `network.rest`, that a picture of the whole run should show, under
+    /// `factor` times the load: where the nodes rest, and how far they go.
+    pub fn reach(
+        &self,
+        network: &SpringNetwork,
+        pinned: &[bool],
+        factor: f64,
+        (kind, steps, dt): (SolverKind, u32, f64),
+    ) -> Vec<DVec3> {
+        let far = factor * self.course(kind, steps, dt).peak;
+        let mut points = network.rest.clone();
+        let moving = network.rest.iter().zip(&self.given);
+        if far * self.most() <= FAR * self.diagonal {
+            points.extend(moving.clone().map(|(x, u)| *x + MARGIN * far * *u));
+            points.extend(moving.map(|(x, u)| *x - RECOIL * far * *u));
+            return points;
+        }
+        let held: Vec<DVec3> = network
+            .rest
+            .iter()
+            .zip(pinned)
+            .filter(|(_, pinned)| **pinned)
+            .map(|(x, _)| *x)
+            .collect();
+        let middle = held.iter().sum::<DVec3>() / held.len().max(1) as f64;
+        let down = self.given.iter().sum::<DVec3>().normalize_or_zero();
+        for x in &network.rest {
+            let arm = *x - middle;
+            let length = MARGIN * arm.length();
+            let mirrored = 2.0 * arm.dot(down) * down - arm;
+            for way in [arm, mirrored] {
+                let way = way.normalize_or_zero();
+                points.push(middle + length * (way + down).normalize_or_zero());
+                points.push(middle + length * (way + 3.0 * down).normalize_or_zero());
+            }
+            points.push(middle + length * down);
+        }
+        points
+    }
+}
+
+/// The weight of the nodes of `network` at 1 m/s² along `direction`, N.
+pub(super) fn weight(network: &SpringNetwork, direction: DVec3) -> Vec<DVec3> {
+    network.masses.iter().map(|m| *m * direction).collect()
+}
+
+/// How an acceleration is said: beside that of the earth where it is far from it.
+pub(super) fn said(gravity: f64) -> String {
+    let figures = match gravity {
+        g if !(0.1..1e4).contains(&g) => format!("{g:.2e}"),
+        g if g < 10.0 => format!("{g:.2}"),
+        g => format!("{g:.0}"),
+    };
+    let earth = gravity / GRAVITY;
+    match earth {
+        e if (0.5..2.0).contains(&e) => format!("{figures} m/s²"),
+        e if (0.01..1e4).contains(&e) => {
+            format!(
+                "{figures} m/s² ({} times the earth's)",
+                (e * 100.0).round() / 100.0
+            )
+        }
+        _ => format!("{figures} m/s²"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::mesh::generate;
+    use crate::physics::{HeldEnd, Material};
+
+    #[test]
+    fn the_load_follows_the_stiffness_and_the_step_the_swing() {
+        let bar = generate::paper_bar().unwrap();
+        let factor = |young: f64| {
+            let network = SpringNetwork::new(&bar, &Material::young(young)).unwrap();
+            let all: Vec<u32> = (0..bar.nodes.len() as u32).collect();
+            let end = HeldEnd::among(&network.rest, &network.masses, &all, DVec3::NEG_Z);
+            let mut pinned = vec![false; bar.nodes.len()];
+            end.nodes.iter().for_each(|v| pinned[*v as usize] = true);
+            let load = weight(&network, DVec3::NEG_Z);
+            let response = Response::new(&network, &pinned, &load).unwrap();
+            let dt = response.step(50, 0.0);
+            let swing = response.course(SolverKind::Implicit, 50, dt);
+            assert!(
+                swing.peak > 1.0 && swing.end > 0.9 * swing.peak,
+                "{swing:?}"
+            );
+            (response.factor(SolverKind::Implicit, 50, dt), dt)
+        };
+        let (soft, stiff) = (factor(1e4), factor(1e6));
+        assert!(
+            (stiff.0 / soft.0 / 100.0 - 1.0).abs() < 0.05,
+            "{soft:?} {stiff:?}"
+        );
+        assert!(
+            (soft.1 / stiff.1 / 10.0 - 1.0).abs() < 0.05,
+            "{soft:?} {stiff:?}"
+        );
+    }
+
+    #[test]
+    fn accelerations_are_said_in_few_figures() {
+        assert_eq!(said(9.81), "9.81 m/s²");
+        assert_eq!(said(98.1), "98 m/s² (10 times the earth's)");
+        assert_eq!(said(1e-6), "1.00e-6 m/s²");
+    }
+}
