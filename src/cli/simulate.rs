@@ -5,7 +5,7 @@ use super::{Outcome, progress};
 use clap::Args;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
-use palpate::scene::Stage;
+use palpate::scene::{Checkpoint, Stage};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `simulate`.
@@ -25,6 +25,9 @@ pub struct SimulateArguments {
     /// Write no meshes
     #[arg(long)]
     no_meshes: bool,
+    /// Go on where a run into the same folder was interrupted, or with more frames
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     scene: SceneFlags,
 }
@@ -33,6 +36,12 @@ pub struct SimulateArguments {
 pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
     if super::is_series(&arguments.input) {
+        if arguments.resume {
+            anyhow::bail!(
+                "{}: a recorded series is not simulated, so there is nothing to resume; leave --resume out",
+                arguments.input.display()
+            );
+        }
         return play(gpu, arguments);
     }
     let scene = arguments.scene.scene(&arguments.input)?;
@@ -50,14 +59,31 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         .unwrap_or_default()
         .to_string_lossy()
         .into_owned();
-    let mut series = (!arguments.no_meshes)
-        .then(|| PvdSeries::create(&arguments.out, &name))
-        .transpose()?;
+    let kept = arguments.out.join(format!("{name}.checkpoint"));
+    let mut times = Vec::new();
+    if arguments.resume {
+        times = take_up(&mut stage, &kept, gpu)?;
+    } else {
+        stage.keep_checkpoints();
+        // One of another run would be taken for this one's.
+        match std::fs::remove_file(&kept) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                return Err(palpate::Error::io(&kept)(e).into());
+            }
+            _ => {}
+        }
+    }
+    let first = times.len() as u32;
+    let mut series = match arguments.no_meshes {
+        true => None,
+        false if first > 0 => Some(PvdSeries::resume(&arguments.out, &name, &times)?),
+        false => Some(PvdSeries::create(&arguments.out, &name)?),
+    };
     progress::over(
         "frames",
         u64::from(arguments.frames),
         |bar| -> palpate::Result<()> {
-            for frame in 0..=arguments.frames {
+            for frame in first..=arguments.frames {
                 let moved = match frame {
                     0 => Ok(()),
                     _ => stage.run(steps, &mut |_| {}),
@@ -70,12 +96,43 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                     stage.push(series)?;
                 }
                 moved?;
+                times.push(stage.time());
+                stage.checkpoint(&times)?.write(&kept)?;
                 bar.set_position(u64::from(frame));
             }
             Ok(())
         },
     )?;
     Ok(Outcome::Done)
+}
+
+/// Brings the stage to where the run that left the checkpoint `kept` was. Returns the times of
+/// the frames that it finished, none where there is no checkpoint.
+fn take_up(stage: &mut Stage, kept: &Path, gpu: &Gpu) -> anyhow::Result<Vec<f64>> {
+    if !kept.exists() {
+        stage.keep_checkpoints();
+        super::tell(&[format!(
+            "there is no {}: starting with the first frame",
+            kept.display()
+        )]);
+        return Ok(Vec::new());
+    }
+    let checkpoint = Checkpoint::read(kept)?;
+    let named = |e: palpate::Error| palpate::Error::format(kept, e.to_string());
+    stage.resume(&checkpoint).map_err(named)?;
+    let mut notes = vec![format!(
+        "going on after frame {}, at {:.6} s",
+        checkpoint.times().len().saturating_sub(1),
+        stage.time()
+    )];
+    if checkpoint.adapter() != gpu.adapter_name() {
+        notes.push(format!(
+            "the frames so far were made on {}; those that follow may differ from them in the last digits",
+            checkpoint.adapter()
+        ));
+    }
+    super::tell(&notes);
+    Ok(checkpoint.times().to_vec())
 }
 
 /// Draws every frame of a series, whatever made it, from its positions.

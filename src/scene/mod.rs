@@ -30,6 +30,7 @@
 //! ```
 
 mod cage;
+mod checkpoint;
 mod grid;
 mod material;
 mod measure;
@@ -45,6 +46,7 @@ mod tests;
 mod touch;
 
 pub use cage::CageEntry;
+pub use checkpoint::Checkpoint;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};

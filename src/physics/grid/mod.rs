@@ -9,10 +9,12 @@ mod body;
 mod cut;
 mod model;
 mod shape;
+mod state;
 mod verlet;
 
 pub use body::GridBody;
 pub use cut::GridCut;
 pub use model::GridModel;
 pub(crate) use model::isotropic;
+pub use state::GridState;
 pub use shape::{GridShape, SPRING_KINDS, STEPS};
