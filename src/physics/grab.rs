@@ -9,6 +9,7 @@ use crate::mesh::LocalFrame;
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
+use std::fmt;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -40,6 +41,17 @@ pub enum Grip {
         /// The largest force of all springs together, N.
         limit: f64,
     },
+}
+
+impl fmt::Display for Grip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Grip::Follow => f.write_str("nodes that follow it"),
+            Grip::Spring { stiffness, limit } => {
+                write!(f, "springs of {stiffness} N/m up to {limit} N")
+            }
+        }
+    }
 }
 
 /// Names a grab of a body.
@@ -110,7 +122,7 @@ impl Grabs {
         };
         if !(sound && centre.is_finite() && radius.is_finite() && radius >= 0.0) {
             return Err(Error::Input(format!(
-                "a grab at {centre} of radius {radius} with {grip:?} makes no sense; give finite positive numbers"
+                "a grab at {centre} of radius {radius} with {grip} makes no sense; give finite positive numbers"
             )));
         }
         let nodes: Vec<u32> = (0..positions.len())

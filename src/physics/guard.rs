@@ -107,7 +107,10 @@ impl Clock {
 
     /// Whether its numbers can be those of a clock: it was read from a file.
     pub fn sound(&self) -> bool {
-        let total = self.runs.iter().try_fold(self.past.0, |n, r| n.checked_add(r.0));
+        let total = self
+            .runs
+            .iter()
+            .try_fold(self.past.0, |n, r| n.checked_add(r.0));
         self.past.0 <= self.completed && total.is_some_and(|n| n >= self.completed)
     }
 

@@ -98,10 +98,14 @@ impl Checkpoint {
         let content = postcard::to_stdvec(self)
             .map_err(|e| Error::format(path, format!("the checkpoint cannot be packed: {e}")))?;
         crate::io::atomic_write(path, |file| {
-            [FIRST_LINE.as_bytes(), &crc(&content).to_le_bytes(), &content]
-                .into_iter()
-                .try_for_each(|part| file.write_all(part))
-                .map_err(Error::io(path))
+            [
+                FIRST_LINE.as_bytes(),
+                &crc(&content).to_le_bytes(),
+                &content,
+            ]
+            .into_iter()
+            .try_for_each(|part| file.write_all(part))
+            .map_err(Error::io(path))
         })
     }
 
@@ -121,7 +125,9 @@ impl Checkpoint {
                 Some(version) if version.len() < 40 => format!(
                     "this checkpoint is of version {}, this is version {}, which does not step the same; {afresh}",
                     String::from_utf8_lossy(version),
-                    FIRST_LINE.trim_start_matches("palpate checkpoint ").trim_end(),
+                    FIRST_LINE
+                        .trim_start_matches("palpate checkpoint ")
+                        .trim_end(),
                 ),
                 _ => format!("this is no checkpoint; {afresh}"),
             };
@@ -240,7 +246,9 @@ impl Stage {
             )))
         };
         if journal.scene != checkpoint.scene {
-            return other("scene, or this one was changed since (its entries, the flags, or a file it names)");
+            return other(
+                "scene, or this one was changed since (its entries, the flags, or a file it names)",
+            );
         }
         if journal.mesh != checkpoint.mesh {
             return other("mesh, or this one was changed since");

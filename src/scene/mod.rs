@@ -17,7 +17,7 @@
 //!
 //! [[pin]]                 # nodes that stay where they are
 //! axis = "z"
-//! below = 0.05            # the lowest 5 % of the bounds
+//! below = 0.05            # the lowest 5 % of the bounds; or z_below = -0.6, in the mesh's unit
 //!
 //! [[force]]
 //! on = { axis = "z", above = 0.95 }
@@ -44,6 +44,7 @@ mod stage;
 #[cfg(test)]
 mod tests;
 mod touch;
+mod words;
 
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
@@ -119,6 +120,7 @@ pub struct MeshSource {
     /// A mesh file, beside the scene file unless absolute.
     pub file: Option<PathBuf>,
     /// A generator's name, instead of a file; see [`crate::mesh::generate::GENERATORS`].
+    #[serde(default, deserialize_with = "words::generator")]
     pub generate: Option<String>,
     /// About how many tets the generator or the mesher makes.
     pub tets: Option<usize>,
@@ -140,6 +142,7 @@ pub struct MeshSource {
     pub min_island: Option<f64>,
     /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
     /// file says by default, or else `m`.
+    #[serde(default, deserialize_with = "words::unit")]
     pub unit: Option<Unit>,
 }
 
@@ -197,7 +200,10 @@ where
 
 /// A length unit by name or in metres.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "a unit is one of m, cm, mm, um and in, or metres as a number"
+)]
 pub enum Unit {
     /// Metres in one unit.
     Metres(f64),
@@ -230,6 +236,7 @@ impl Unit {
 #[serde(deny_unknown_fields)]
 pub struct SolverEntry {
     /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`.
+    #[serde(default, deserialize_with = "words::solver")]
     pub name: Option<String>,
     /// Step size in seconds.
     pub dt: Option<f64>,
@@ -362,6 +369,7 @@ pub struct SkinEntry {
     /// A scalar of its vertices that colours it instead.
     pub field: Option<String>,
     /// The preset whose colours that scalar takes; `viridis` where nothing is said.
+    #[serde(default, deserialize_with = "words::preset")]
     pub transfer: Option<String>,
     /// From 0, invisible, to 1, opaque.
     pub opacity: Option<f32>,
@@ -396,14 +404,18 @@ pub struct PictureEntry {
     /// The node field that is seen; the first scalar there is, or the depth below the surface.
     pub field: Option<String>,
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
+    #[serde(default, deserialize_with = "words::transfer")]
     pub transfer: Option<String>,
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
     /// `composite`, `thickness`, `surface`, or `skin`: the skins alone, without the inside.
+    #[serde(default, deserialize_with = "words::mode")]
     pub mode: Option<String>,
     /// `vertices` or `planes`.
+    #[serde(default, deserialize_with = "words::walk")]
     pub walk: Option<String>,
     /// What is behind the volume in a PNG: `black`, `white` or `transparent`.
+    #[serde(default, deserialize_with = "words::background")]
     pub background: Option<String>,
     /// The most surface layers a ray may enter.
     pub layers: Option<u32>,
@@ -424,7 +436,8 @@ impl Scene {
     /// Reads a scene file; paths in it are made relative to its folder.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Format`] with the line that is wrong.
+    /// [`Error::Io`], or [`Error::Format`] with the line and the column of what is wrong: a key
+    /// that is not known, a value of the wrong type, a word that is none of those expected.
     pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;

@@ -212,9 +212,7 @@ impl Stage {
                 }
             },
         };
-        if hit
-            && let (Some(journal), Some(pose)) = (&mut self.journal, pose)
-        {
+        if hit && let (Some(journal), Some(pose)) = (&mut self.journal, pose) {
             journal.note(blade, pose);
         }
         if hit && !self.skins.is_empty() {

@@ -15,3 +15,4 @@ mod skin;
 mod study;
 mod support;
 mod tune;
+mod wrong_scenes;

@@ -16,5 +16,5 @@ pub use body::GridBody;
 pub use cut::GridCut;
 pub use model::GridModel;
 pub(crate) use model::isotropic;
-pub use state::GridState;
 pub use shape::{GridShape, SPRING_KINDS, STEPS};
+pub use state::GridState;

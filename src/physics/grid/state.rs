@@ -66,8 +66,7 @@ impl GridBody {
         put_back(&self.gpu, &self.normals, &state.normals)?;
         put_back(&self.gpu, &self.velocities, &state.velocities)?;
         put_back(&self.gpu, &self.external, &state.external)?;
-        self.grabs
-            .set_state(&state.grabs, state.normals.len())?;
+        self.grabs.set_state(&state.grabs, state.normals.len())?;
         self.turn = Turn { now, before };
         self.lag = state.lag;
         (self.steps, self.time) = (state.steps, state.time);

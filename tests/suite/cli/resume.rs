@@ -32,8 +32,7 @@ size = [96, 72]
 /// A grid body that is drawn by springs and cut.
 const GRID: &str = r#"
 [mesh]
-generate = "bar"
-tets = 400
+file = "BAR_FILE"
 [grid]
 nodes = 400
 damping = 2.0
@@ -58,13 +57,21 @@ size = [96, 72]
 
 fn scene(folder: &Path, name: &str, content: &str) -> PathBuf {
     let path = folder.join(format!("{name}.toml"));
-    std::fs::write(&path, content).unwrap();
+    let bar = format!("{}/bar.vtu", super::DATA);
+    std::fs::write(&path, content.replace("BAR_FILE", &bar)).unwrap();
     path
 }
 
 fn simulate(scene: &Path, out: &Path, frames: u32, more: &[&str]) -> std::process::Output {
     let frames = frames.to_string();
-    let given = ["simulate", text(scene), "--out", text(out), "--frames", &frames];
+    let given = [
+        "simulate",
+        text(scene),
+        "--out",
+        text(out),
+        "--frames",
+        &frames,
+    ];
     palpate(&[&given, more].concat())
 }
 
@@ -74,7 +81,12 @@ fn frames(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut all: Vec<(String, Vec<u8>)> = std::fs::read_dir(folder)
         .unwrap()
         .map(|entry| entry.unwrap().path())
-        .map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), path))
+        .map(|path| {
+            (
+                path.file_name().unwrap().to_string_lossy().into_owned(),
+                path,
+            )
+        })
         .filter(|(name, _)| wanted(name) && !name.starts_with('.'))
         .map(|(name, path)| (name, std::fs::read(path).unwrap()))
         .collect();
@@ -171,7 +183,13 @@ fn goes_on(name: &str, content: &str) {
 
 #[test]
 fn every_solver_goes_on_where_it_was() {
-    for name in ["explicit", "symplectic", "verlet", "velocity-verlet", "implicit"] {
+    for name in [
+        "explicit",
+        "symplectic",
+        "verlet",
+        "velocity-verlet",
+        "implicit",
+    ] {
         let soft = "[material]\nyoung = 2e3\n[solver]";
         let content = BAR
             .replace("\"implicit\"", &format!("\"{name}\""))
@@ -231,7 +249,12 @@ fn checkpoints_of_other_runs_are_refused() {
     };
     // Another scene: by a flag, by its text.
     refused(&["another scene"], &["--dt", "0.003"]);
-    scene(&here, "bar", &BAR.replace("0.02, 0.02", "0.02, 0.021").replace("below = 0.1", "below = 0.2"));
+    scene(
+        &here,
+        "bar",
+        &BAR.replace("0.02, 0.02", "0.02, 0.021")
+            .replace("below = 0.1", "below = 0.2"),
+    );
     refused(&["another scene"], &[]);
     scene(&here, "bar", BAR);
     // Damaged: a bit in the middle, the end missing, nothing left, something else.
@@ -251,7 +274,10 @@ fn checkpoints_of_other_runs_are_refused() {
     std::fs::write(&kept, &good).unwrap();
     std::fs::remove_file(out.join("bar_00001.vtu")).unwrap();
     let said = failure(&simulate(&bar, &out, 4, &["--no-pictures", "--resume"]));
-    assert!(said.contains("bar_00001.vtu") && said.contains("missing"), "{said}");
+    assert!(
+        said.contains("bar_00001.vtu") && said.contains("missing"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -262,8 +288,17 @@ fn without_a_checkpoint_a_run_starts_and_says_so() {
     let done = simulate(&bar, &out, 1, &["--no-pictures", "--resume"]);
     stdout(&done);
     let said = String::from_utf8_lossy(&done.stderr).into_owned();
-    assert!(said.contains("there is no") && said.contains("first frame"), "{said}");
+    assert!(
+        said.contains("there is no") && said.contains("first frame"),
+        "{said}"
+    );
     assert!(out.join("bar_00001.vtu").exists());
-    let played = palpate(&["simulate", text(&out.join("bar.pvd")), "--out", text(&here), "--resume"]);
+    let played = palpate(&[
+        "simulate",
+        text(&out.join("bar.pvd")),
+        "--out",
+        text(&here),
+        "--resume",
+    ]);
     assert!(failure(&played).contains("nothing to resume"));
 }
