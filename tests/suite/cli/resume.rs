@@ -45,12 +45,12 @@ below = 0.1
 [[grab]]
 at = [0.12, 0.03, 0.03]
 radius = 0.02
-path = [[0.0, 0, 0, 0], [0.05, 0, 0, 0.02]]
+path = [[0.0, 0, 0, 0], [0.2, 0, 0, 0.02]]
 spring = 40.0
 limit = 1.0
 [[cut]]
 edge = [[0.05, -0.01, 0.07], [0.05, 0.07, 0.07]]
-path = [[0.005, 0, 0, 0], [0.03, 0.002, 0, -0.045]]
+path = [[0.02, 0, 0, 0], [0.25, 0.002, 0, -0.045]]
 [picture]
 size = [96, 72]
 "#;
@@ -277,6 +277,33 @@ fn checkpoints_of_other_runs_are_refused() {
     assert!(
         said.contains("bar_00001.vtu") && said.contains("missing"),
         "{said}"
+    );
+}
+
+#[test]
+fn a_checkpoint_that_was_tampered_with_does_not_end_the_same() {
+    let here = folder("resume_doctored");
+    let bar = scene(&here, "bar", BAR);
+    let (whole, broken) = (here.join("whole"), here.join("broken"));
+    let only_meshes = ["--no-pictures"];
+    stdout(&simulate(&bar, &whole, 3, &only_meshes));
+    stdout(&simulate(&bar, &broken, 1, &only_meshes));
+    let kept = broken.join("bar.checkpoint");
+    let mut bytes = std::fs::read(&kept).unwrap();
+    let start = bytes.iter().position(|b| *b == b'\n').unwrap() + 5;
+    // Among the positions, and with a checksum that is right.
+    for byte in &mut bytes[start + 1000..start + 1016] {
+        *byte ^= 4;
+    }
+    let mut crc = flate2::Crc::new();
+    crc.update(&bytes[start..]);
+    bytes[start - 4..start].copy_from_slice(&crc.sum().to_le_bytes());
+    std::fs::write(&kept, &bytes).unwrap();
+    let done = simulate(&bar, &broken, 3, &["--no-pictures", "--resume"]);
+    let end = |folder: &Path| std::fs::read(folder.join("bar_00003.vtu")).ok();
+    assert!(
+        !done.status.success() || end(&broken) != end(&whole),
+        "what was changed should show"
     );
 }
 
