@@ -6,7 +6,7 @@ use clap::Args;
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
-use palpate::scene::{Run, Stage};
+use palpate::scene::{Checkpoint, Run, Stage};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `simulate`.
@@ -26,6 +26,9 @@ pub struct SimulateArguments {
     /// Write no meshes
     #[arg(long)]
     no_meshes: bool,
+    /// Go on where a run into the same folder was interrupted, or with more frames
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     scene: SceneFlags,
 }
@@ -34,20 +37,13 @@ pub struct SimulateArguments {
 pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
     if super::is_series(&arguments.input) {
+        if arguments.resume {
+            anyhow::bail!(
+                "{}: a recorded series is not simulated, so there is nothing to resume; leave --resume out",
+                arguments.input.display()
+            );
+        }
         return play(gpu, arguments);
-    }
-    let mut scene = arguments.scene.scene(&arguments.input)?;
-    let steps = scene.solver.steps.unwrap_or(1);
-    scene.solver.run = Some(Run {
-        steps: steps.saturating_mul(arguments.frames),
-        drawn: !arguments.no_pictures,
-    });
-    let mut stage = progress::during("preparing", || Stage::new(gpu, &scene))?;
-    super::tell(stage.notes());
-    if stage.motion().is_none() {
-        anyhow::bail!(
-            "nothing moves: name a solver in the scene or with --solver (implicit, for example)"
-        );
     }
     let name = arguments
         .input
@@ -55,14 +51,51 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         .unwrap_or_default()
         .to_string_lossy()
         .into_owned();
-    let mut series = (!arguments.no_meshes)
-        .then(|| PvdSeries::create(&arguments.out, &name))
-        .transpose()?;
+    let kept = arguments.out.join(format!("{name}.checkpoint"));
+    let checkpoint = match arguments.resume {
+        true => read_kept(&kept)?,
+        false => None,
+    };
+    let mut scene = arguments.scene.scene(&arguments.input)?;
+    let steps = scene.solver.steps.unwrap_or(1);
+    let ahead = Run {
+        steps: steps.saturating_mul(arguments.frames),
+        drawn: !arguments.no_pictures,
+    };
+    // What was chosen for the run that is resumed stays, however many frames it is to have now.
+    scene.solver.run = checkpoint.as_ref().map_or(Some(ahead), |kept| kept.run());
+    let mut stage = progress::during("preparing", || Stage::new(gpu, &scene))?;
+    super::tell(stage.notes());
+    if stage.motion().is_none() {
+        anyhow::bail!(
+            "nothing moves: name a solver in the scene or with --solver (implicit, for example)"
+        );
+    }
+    let mut times = Vec::new();
+    if let Some(checkpoint) = checkpoint {
+        take_up(&mut stage, &kept, &checkpoint, gpu)?;
+        times = checkpoint.times().to_vec();
+    } else {
+        stage.keep_checkpoints();
+        // One of another run would be taken for this one's.
+        match std::fs::remove_file(&kept) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                return Err(palpate::Error::io(&kept)(e).into());
+            }
+            _ => {}
+        }
+    }
+    let first = times.len() as u32;
+    let mut series = match arguments.no_meshes {
+        true => None,
+        false if first > 0 => Some(PvdSeries::resume(&arguments.out, &name, &times)?),
+        false => Some(PvdSeries::create(&arguments.out, &name)?),
+    };
     progress::over(
         "frames",
         u64::from(arguments.frames),
         |bar| -> palpate::Result<()> {
-            for frame in 0..=arguments.frames {
+            for frame in first..=arguments.frames {
                 let moved = match frame {
                     0 => Ok(()),
                     _ => progress::run(&mut stage, steps, &mut |done, iterations| {
@@ -81,12 +114,50 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                     stage.push(series)?;
                 }
                 moved?;
+                times.push(stage.time());
+                stage.checkpoint(&times)?.write(&kept)?;
                 bar.set_position(u64::from(frame));
             }
             Ok(())
         },
     )?;
     Ok(Outcome::Done)
+}
+
+/// The checkpoint of an earlier run, if it left one.
+fn read_kept(kept: &Path) -> palpate::Result<Option<Checkpoint>> {
+    if kept.exists() {
+        return Checkpoint::read(kept).map(Some);
+    }
+    super::tell(&[format!(
+        "there is no {}: starting with the first frame",
+        kept.display()
+    )]);
+    Ok(None)
+}
+
+/// Brings the stage to where the run that left `checkpoint`, the file `kept`, was.
+fn take_up(
+    stage: &mut Stage,
+    kept: &Path,
+    checkpoint: &Checkpoint,
+    gpu: &Gpu,
+) -> palpate::Result<()> {
+    let named = |e: palpate::Error| palpate::Error::format(kept, e.to_string());
+    stage.resume(checkpoint).map_err(named)?;
+    let mut notes = vec![format!(
+        "going on after frame {}, at {:.6} s",
+        checkpoint.times().len().saturating_sub(1),
+        stage.time()
+    )];
+    if checkpoint.adapter() != gpu.adapter_name() {
+        notes.push(format!(
+            "the frames so far were made on {}; those that follow may differ from them in the last digits",
+            checkpoint.adapter()
+        ));
+    }
+    super::tell(&notes);
+    Ok(())
 }
 
 /// Draws every frame of a series, whatever made it, from its positions.

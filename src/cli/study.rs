@@ -17,7 +17,8 @@ pub struct StudyArguments {
         STUDIES.iter().map(|(name, help, _)| PossibleValue::new(name).help(help))
     ))]
     what: String,
-    /// A scene of your own to study, where the study takes one
+    /// A scene of your own to study, where the study takes one; pictures and stability take a mesh
+    /// file as well
     scene: Option<PathBuf>,
     /// Folder for the CSV, charts and findings; what is measured there already is not measured again
     #[arg(long, short)]

@@ -52,6 +52,33 @@ impl PvdSeries {
         Ok(series)
     }
 
+    /// Goes on with a series whose first frames, at `times`, are in `folder`; what followed them
+    /// is overwritten as frames come.
+    ///
+    /// # Errors
+    /// As [`PvdSeries::create`]; [`Error::Format`] when the file of one of these frames is missing.
+    pub fn resume(folder: impl AsRef<Path>, name: &str, times: &[f64]) -> Result<PvdSeries> {
+        let folder = folder.as_ref();
+        let frames = times.iter().enumerate();
+        let frames: Vec<(f64, String)> = frames.map(|(i, t)| (*t, file_of(name, i))).collect();
+        for (i, (_, file)) in frames.iter().enumerate() {
+            let path = folder.join(file);
+            if !path.is_file() {
+                return Err(Error::format(
+                    path,
+                    format!("frame {i}, which was finished, is missing; start the series afresh"),
+                ));
+            }
+        }
+        let series = PvdSeries {
+            folder: folder.to_path_buf(),
+            name: name.to_string(),
+            frames,
+        };
+        series.write_index()?;
+        Ok(series)
+    }
+
     /// The path of the `.pvd` file.
     pub fn path(&self) -> PathBuf {
         self.folder.join(format!("{}.pvd", self.name))
@@ -81,7 +108,7 @@ impl PvdSeries {
         if !time.is_finite() {
             return Err(Error::Input(format!("a frame cannot have the time {time}")));
         }
-        let file = format!("{}_{:05}.vtu", self.name, self.frames.len());
+        let file = file_of(&self.name, self.frames.len());
         vtu_write::write(&self.folder.join(&file), mesh, nodes, extra)?;
         self.frames.push((time, file));
         self.write_index()
@@ -103,6 +130,11 @@ impl PvdSeries {
             file.write_all(text.as_bytes()).map_err(Error::io(&path))
         })
     }
+}
+
+/// The file of frame `i` of a series.
+fn file_of(name: &str, i: usize) -> String {
+    format!("{name}_{i:05}.vtu")
 }
 
 /// The frames of a `.pvd` series, by time.

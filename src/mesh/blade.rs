@@ -69,6 +69,11 @@ impl Blade {
         Ok(blade)
     }
 
+    /// The ends of its edge, at each of its positions.
+    pub(crate) fn edges(&self) -> impl Iterator<Item = [DVec3; 2]> + '_ {
+        self.vertices.chunks_exact(2).map(|ends| [ends[0], ends[1]])
+    }
+
     /// The quad with these corners, in the order around it; it may be twisted.
     ///
     /// # Errors

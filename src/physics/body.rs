@@ -376,6 +376,10 @@ impl Body {
         self.revision.any
     }
 
+    pub(super) fn set_revision(&mut self, revision: Revision) {
+        self.revision = revision;
+    }
+
     pub(super) fn revision(&self) -> Revision {
         self.revision
     }

@@ -102,6 +102,10 @@ impl Body {
                 .write_array(&self.springs, &self.kept_rows.springs)?;
             self.masses_changed = true;
         }
+        if self.grabs.any() {
+            // Masses and loads around the cut are new: those of nodes held are made again.
+            self.grabs.touch();
+        }
         self.generation += 1;
         self.changed();
         Ok(())

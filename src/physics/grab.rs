@@ -3,11 +3,13 @@
 //! A target holds from one recording of steps to the next; whoever moves it fast records few steps
 //! at a time. Nothing is read back but the positions when a grab starts.
 
+use super::state::{GrabsState, HeldState};
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use crate::mesh::LocalFrame;
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
+use std::fmt;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -28,7 +30,7 @@ mod gpu_data {
 const FARTHEST: f64 = 100.0;
 
 /// How a grab holds its nodes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Grip {
     /// The nodes keep their places around the target, whatever pulls at them.
     Follow,
@@ -41,8 +43,21 @@ pub enum Grip {
     },
 }
 
+impl fmt::Display for Grip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Grip::Follow => f.write_str("nodes that follow it"),
+            Grip::Spring { stiffness, limit } => {
+                write!(f, "springs of {stiffness} N/m up to {limit} N")
+            }
+        }
+    }
+}
+
 /// Names a grab of a body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
+)]
 pub struct GrabId(u32);
 
 #[derive(Clone, Debug)]
@@ -107,7 +122,7 @@ impl Grabs {
         };
         if !(sound && centre.is_finite() && radius.is_finite() && radius >= 0.0) {
             return Err(Error::Input(format!(
-                "a grab at {centre} of radius {radius} with {grip:?} makes no sense; give finite positive numbers"
+                "a grab at {centre} of radius {radius} with {grip} makes no sense; give finite positive numbers"
             )));
         }
         let nodes: Vec<u32> = (0..positions.len())
@@ -160,7 +175,49 @@ impl Grabs {
         Ok(moved)
     }
 
-    /// The forces that act anyway have changed.
+    /// All of them, to be kept.
+    pub(super) fn state(&self) -> GrabsState {
+        let held = self.grabs.iter().map(|(id, grab)| HeldState {
+            id: *id,
+            nodes: grab.nodes.clone(),
+            offsets: grab.offsets.iter().map(|o| o.to_array()).collect(),
+            target: grab.target.to_array(),
+            grip: grab.grip,
+        });
+        GrabsState {
+            held: held.collect(),
+            next: self.next,
+        }
+    }
+
+    /// Takes over what [`Grabs::state`] gave of a body of so many nodes.
+    pub(super) fn set_state(&mut self, state: &GrabsState, nodes: usize) -> Result<()> {
+        let strange = |held: &HeldState| {
+            held.nodes.len() != held.offsets.len()
+                || held.nodes.iter().any(|v| *v as usize >= nodes)
+                || held.id.0 >= state.next
+        };
+        if state.held.iter().any(strange) {
+            return Err(Error::Input(
+                "the grabs of another body, or damaged ones".into(),
+            ));
+        }
+        let grabs = state.held.iter().map(|held| {
+            let grab = Grab {
+                nodes: held.nodes.clone(),
+                offsets: held.offsets.iter().map(|o| DVec3::from(*o)).collect(),
+                target: held.target.into(),
+                grip: held.grip,
+            };
+            (held.id, grab)
+        });
+        self.grabs = grabs.collect();
+        self.next = state.next;
+        self.changed = true;
+        Ok(())
+    }
+
+    /// The forces that act anyway have changed, or who is held by whom.
     pub(super) fn touch(&mut self) {
         self.changed = true;
     }
@@ -170,6 +227,11 @@ impl Grabs {
         let grab = self.grabs.remove(&id).ok_or_else(unknown)?;
         self.changed = true;
         Ok(grab.nodes.len())
+    }
+
+    /// Whether anything is grabbed.
+    pub(super) fn any(&self) -> bool {
+        !self.grabs.is_empty()
     }
 
     /// The nodes that follow exactly.

@@ -33,7 +33,7 @@ const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
 
 /// How far a solver came.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Progress {
     /// Steps completed since the solver was made.
     pub steps: u64,
@@ -44,7 +44,7 @@ pub struct Progress {
 }
 
 /// One step, as the GPU noted it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepRecord {
     /// Iterations of conjugate gradients; 0 for explicit solvers.
     pub iterations: u32,
@@ -68,7 +68,7 @@ impl StepRecord {
 }
 
 /// Steps recorded and the time they take, to know the time of a number of steps.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Clock {
     /// Steps and their length, oldest first.
     runs: Vec<(u64, f64)>,
@@ -103,6 +103,15 @@ impl Clock {
         self.past = (self.completed, self.time());
         let dt = self.dt();
         self.runs = vec![(0, dt)];
+    }
+
+    /// Whether its numbers can be those of a clock: it was read from a file.
+    pub fn sound(&self) -> bool {
+        let total = self
+            .runs
+            .iter()
+            .try_fold(self.past.0, |n, r| n.checked_add(r.0));
+        self.past.0 <= self.completed && total.is_some_and(|n| n >= self.completed)
     }
 
     pub fn steps(&self) -> u64 {

@@ -128,7 +128,7 @@ impl Stepper<Scheme> {
         } = settings;
         if !(tolerance > 0.0 && tolerance < 1.0 && acceptable >= tolerance && max_iterations > 0) {
             return Err(Error::Input(format!(
-                "conjugate gradients cannot be run with {settings:?}: 0 < tolerance < 1, tolerance ≤ acceptable, and at least one iteration"
+                "conjugate gradients cannot be run to a residual of {tolerance} (at worst {acceptable}) in {max_iterations} iterations: 0 < tolerance < 1, tolerance ≤ acceptable, and at least one iteration"
             )));
         }
         let mut stepper = Self::new(gpu, body)?;

@@ -281,11 +281,15 @@ fn scalar_field<'a>(mesh: &'a TetMesh, name: &str, location: Location) -> Result
                 .map(|f| f.name.as_str())
                 .collect();
             Err(Error::Input(format!(
-                "the material needs one number at the {location} called \"{name}\", and {}; the mesh has {names:?}",
+                "the material needs one number at the {location} called \"{name}\", and {}; the mesh has {}",
                 if found.is_some() {
                     "that field has several components"
                 } else {
                     "there is none"
+                },
+                match names.as_slice() {
+                    [] => "no such field".to_owned(),
+                    _ => names.join(", "),
                 }
             )))
         }

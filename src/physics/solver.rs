@@ -1,7 +1,7 @@
 //! What every solver can do.
 
 use super::guard::{Progress, StepRecord};
-use super::{Body, SolverKind};
+use super::{Body, SolverKind, SolverState};
 use crate::Result;
 use crate::gpu::Recorder;
 
@@ -48,6 +48,20 @@ pub trait Solver {
     /// [`Error::Solver`](crate::Error::Solver) when a step failed: solver, step, time, what was
     /// found, and what to change.
     fn poll(&mut self, body: &Body) -> Result<Progress>;
+
+    /// What the solver goes on from, apart from the state of its body, read back after the steps
+    /// of a [`Solver::run`].
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn state(&self) -> Result<SolverState>;
+
+    /// Goes on from a state that [`Solver::state`] gave of this solver, or of one made in the same
+    /// way. `body` is its body, put into its own state by [`Body::set_state`] before.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for the state of another solver.
+    fn set_state(&mut self, body: &Body, state: &SolverState) -> Result<()>;
 
     /// Iterations, residual and energies of the latest steps (at most 1,024), oldest first, read
     /// back.

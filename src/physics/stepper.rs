@@ -3,8 +3,8 @@
 use super::guard::gpu_data::Status;
 use super::guard::{Clock, HISTORY, Progress, StepRecord};
 use super::step::{Core, Prepared, StepPasses, Timing};
-use super::{Body, Solver, SolverKind};
-use crate::gpu::{Gpu, Pass, Recorder};
+use super::{Body, Solver, SolverKind, SolverState};
+use crate::gpu::{Array, Gpu, Pass, Recorder};
 use crate::{Error, Result};
 
 /// Spring visits in one submit: well below a second on the weakest GPU.
@@ -46,6 +46,11 @@ pub trait Scheme: Sized {
     /// What the device refuses.
     fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses>;
 
+    /// What it carries from one step to the next, apart from the state of the body.
+    fn carried(&self) -> Vec<&Array> {
+        Vec::new()
+    }
+
     /// Iterations of its linear solve at most, 0 where it has none.
     fn max_iterations(&self) -> u32 {
         0
@@ -57,12 +62,12 @@ pub trait Scheme: Sized {
 pub struct Stepper<S> {
     pub(super) core: Core,
     pub(super) scheme: S,
-    prepared: Option<Prepared>,
-    clock: Clock,
+    pub(super) prepared: Option<Prepared>,
+    pub(super) clock: Clock,
     /// Iterations that [`Solver::run`] records a step.
-    iterations: u32,
+    pub(super) iterations: u32,
     /// Whether steps were recorded since the status was last read.
-    unseen: bool,
+    pub(super) unseen: bool,
 }
 
 /// How the steps of a recording begin.
@@ -288,6 +293,14 @@ impl<S: Scheme> Solver for Stepper<S> {
                 Err(error)
             }
         }
+    }
+
+    fn state(&self) -> Result<SolverState> {
+        self.read_state()
+    }
+
+    fn set_state(&mut self, body: &Body, state: &SolverState) -> Result<()> {
+        self.write_state(body, state)
     }
 
     fn history(&self, body: &Body) -> Result<Vec<StepRecord>> {

@@ -50,6 +50,10 @@ impl stepper::Scheme for Scheme {
         Ok(())
     }
 
+    fn carried(&self) -> Vec<&Array> {
+        vec![&self.predicted_velocities]
+    }
+
     fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
         let (dt, kick) = (timing.dt, 0.5 * timing.dt);
         let predicted = &self.predicted_velocities;

@@ -1,12 +1,14 @@
 //! From a scene's `[material]` to what the body is made of.
 
 use super::region::LabelOrName;
+use super::words::{DAMPING_KINDS, damping_kind, unknown};
 use crate::mesh::{Location, TetMesh};
 use crate::physics::{Damping, Material, RegionMaterial, Stiffness, Tissue};
 use crate::{Error, Result};
-use serde::de::Error as _;
+use serde::de::{DeserializeSeed, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// What the body is made of. Stiffness is Young's modulus unless `stiffness` is given.
 ///
@@ -22,7 +24,7 @@ use std::collections::BTreeMap;
 /// ```
 ///
 /// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.
-#[derive(Clone, Debug, Default, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct MaterialEntry {
     /// Young's modulus in Pa, at ν = ¼.
     pub young: Option<f64>,
@@ -41,7 +43,6 @@ pub struct MaterialEntry {
     /// difference.
     pub contrast: Option<f64>,
     /// Tissues by name.
-    #[serde(flatten, deserialize_with = "tissues")]
     pub tissues: Tissues,
 }
 
@@ -72,15 +73,70 @@ pub struct TissueTable {
     pub density: Option<f64>,
 }
 
-/// The tissues, with the name of the one that is wrong in the error.
-fn tissues<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<Tissues, D::Error> {
-    BTreeMap::<String, toml::Value>::deserialize(from)?
-        .into_iter()
-        .map(|(name, value)| match TissueEntry::deserialize(value) {
-            Ok(entry) => Ok((name, entry)),
-            Err(e) => Err(D::Error::custom(format!("`{name}` is {e}"))),
-        })
-        .collect()
+/// The settings, each with its type; every other key is a tissue. Read by hand, for what serde
+/// flattens loses its line.
+impl<'de> Deserialize<'de> for MaterialEntry {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
+        struct Entries;
+        impl<'de> Visitor<'de> for Entries {
+            type Value = MaterialEntry;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a table of settings and tissues")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(
+                self,
+                mut map: A,
+            ) -> std::result::Result<MaterialEntry, A::Error> {
+                let mut entry = MaterialEntry::default();
+                while let Some(key) = map.next_key::<String>()? {
+                    match key.as_str() {
+                        "young" => entry.young = Some(map.next_value()?),
+                        "stiffness" => entry.stiffness = Some(map.next_value()?),
+                        "stiffness_field" => entry.stiffness_field = Some(map.next_value()?),
+                        "density" => entry.density = Some(map.next_value()?),
+                        "damping" => entry.damping = Some(map.next_value()?),
+                        "damping_kind" => entry.damping_kind = map.next_value_seed(Kind)?,
+                        "contrast" => entry.contrast = Some(map.next_value()?),
+                        _ => {
+                            let tissue = map.next_value_seed(Named(&key))?;
+                            entry.tissues.insert(key, tissue);
+                        }
+                    }
+                }
+                Ok(entry)
+            }
+        }
+
+        struct Kind;
+        impl<'de> DeserializeSeed<'de> for Kind {
+            type Value = Option<String>;
+
+            fn deserialize<D: Deserializer<'de>>(
+                self,
+                from: D,
+            ) -> std::result::Result<Self::Value, D::Error> {
+                damping_kind(from)
+            }
+        }
+
+        /// A tissue, its name in the error.
+        struct Named<'a>(&'a str);
+        impl<'de> DeserializeSeed<'de> for Named<'_> {
+            type Value = TissueEntry;
+
+            fn deserialize<D: Deserializer<'de>>(
+                self,
+                from: D,
+            ) -> std::result::Result<TissueEntry, D::Error> {
+                TissueEntry::deserialize(from)
+                    .map_err(|e| D::Error::custom(format!("`{}` is {e}", self.0)))
+            }
+        }
+
+        from.deserialize_map(Entries)
+    }
 }
 
 impl MaterialEntry {
@@ -117,9 +173,7 @@ impl MaterialEntry {
             Some("axial") => Damping::Axial,
             Some("relative") => Damping::Relative,
             Some(other) => {
-                return Err(Error::Input(format!(
-                    "damping kind \"{other}\" is not known; use axial or relative"
-                )));
+                return Err(unknown("damping kind", &DAMPING_KINDS, other));
             }
         };
         let notes = self.add_tissues(mesh, &mut material)?;

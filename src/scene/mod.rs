@@ -17,7 +17,7 @@
 //!
 //! [[pin]]                 # nodes that stay where they are
 //! axis = "z"
-//! below = 0.05            # the lowest 5 % of the bounds
+//! below = 0.05            # the lowest 5 % of the bounds; or z_below = -0.6, in the mesh's unit
 //!
 //! [[force]]
 //! on = { axis = "z", above = 0.95 }
@@ -30,6 +30,7 @@
 //! ```
 
 mod cage;
+mod checkpoint;
 mod grid;
 mod load;
 mod material;
@@ -45,8 +46,10 @@ mod stage;
 #[cfg(test)]
 mod tests;
 mod touch;
+mod words;
 
 pub use cage::CageEntry;
+pub use checkpoint::Checkpoint;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};
@@ -59,7 +62,7 @@ pub use stage::{STEPS, Stage};
 use crate::mesher::{Length, Window};
 use crate::skin::Mapping;
 use crate::{Error, Result};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -119,6 +122,7 @@ pub struct MeshSource {
     /// A mesh file, beside the scene file unless absolute.
     pub file: Option<PathBuf>,
     /// A generator's name, instead of a file; see [`crate::mesh::generate::GENERATORS`].
+    #[serde(default, deserialize_with = "words::generator")]
     pub generate: Option<String>,
     /// About how many tets the generator or the mesher makes.
     pub tets: Option<usize>,
@@ -140,6 +144,7 @@ pub struct MeshSource {
     pub min_island: Option<f64>,
     /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
     /// file says by default, or else `m`.
+    #[serde(default, deserialize_with = "words::unit")]
     pub unit: Option<Unit>,
 }
 
@@ -197,7 +202,10 @@ where
 
 /// A length unit by name or in metres.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "a unit is one of m, cm, mm, um and in, or metres as a number"
+)]
 pub enum Unit {
     /// Metres in one unit.
     Metres(f64),
@@ -230,6 +238,7 @@ impl Unit {
 #[serde(deny_unknown_fields)]
 pub struct SolverEntry {
     /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`.
+    #[serde(default, deserialize_with = "words::solver")]
     pub name: Option<String>,
     /// Step size in seconds.
     pub dt: Option<f64>,
@@ -251,7 +260,7 @@ pub struct SolverEntry {
 }
 
 /// A run that is ahead.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Run {
     /// Its steps in all.
     pub steps: u32,
@@ -376,6 +385,7 @@ pub struct SkinEntry {
     /// A scalar of its vertices that colours it instead.
     pub field: Option<String>,
     /// The preset whose colours that scalar takes; `viridis` where nothing is said.
+    #[serde(default, deserialize_with = "words::preset")]
     pub transfer: Option<String>,
     /// From 0, invisible, to 1, opaque.
     pub opacity: Option<f32>,
@@ -419,14 +429,18 @@ pub struct PictureEntry {
     /// a `transfer`; or the first scalar at the nodes, or the depth below the surface.
     pub field: Option<String>,
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
+    #[serde(default, deserialize_with = "words::transfer")]
     pub transfer: Option<String>,
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
     /// `composite`, `thickness`, `surface`, or `skin`: the skins alone, without the inside.
+    #[serde(default, deserialize_with = "words::mode")]
     pub mode: Option<String>,
     /// `vertices` or `planes`.
+    #[serde(default, deserialize_with = "words::walk")]
     pub walk: Option<String>,
     /// What is behind the volume in a PNG: `black`, `white` or `transparent`.
+    #[serde(default, deserialize_with = "words::background")]
     pub background: Option<String>,
     /// The most surface layers a ray may enter.
     pub layers: Option<u32>,
@@ -447,7 +461,8 @@ impl Scene {
     /// Reads a scene file; paths in it are made relative to its folder.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Format`] with the line that is wrong.
+    /// [`Error::Io`], or [`Error::Format`] with the line and the column of what is wrong: a key
+    /// that is not known, a value of the wrong type, a word that is none of those expected.
     pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;

@@ -44,9 +44,9 @@ pub struct Motion {
     pub body: Mover,
     /// Step size, s.
     pub dt: f64,
-    hands: Vec<Hand>,
-    progress: Option<Progress>,
-    sleep: Sleep,
+    pub(super) hands: Vec<Hand>,
+    pub(super) progress: Option<Progress>,
+    pub(super) sleep: Sleep,
     pub(super) caged: Option<Box<Caged>>,
     /// Points, in file units, that pictures of the whole run should show.
     pub(super) reach: Option<Vec<DVec3>>,

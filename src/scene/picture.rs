@@ -1,5 +1,6 @@
 //! What a scene says of its picture, made real: camera, what is shown, what draws it.
 
+use super::words::{BACKGROUNDS, MODES, WALKS, unknown};
 use super::{Scene, Seen};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, Topology};
@@ -71,9 +72,7 @@ impl Scene {
             Some("vertices") => Walk::Vertices,
             Some("planes") => Walk::Planes,
             Some(other) => {
-                return Err(Error::Input(format!(
-                    "walk \"{other}\" is not known; use vertices or planes"
-                )));
+                return Err(unknown("walk", &WALKS, other));
             }
         };
         if let Some(accuracy) = self.picture.accuracy {
@@ -105,9 +104,7 @@ impl Scene {
                 "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),
             )),
             Some("skin") => Ok(Shown::Skin),
-            Some(other) => Err(Error::Input(format!(
-                "mode \"{other}\" is not known; use composite, thickness, surface or skin"
-            ))),
+            Some(other) => Err(unknown("mode", &MODES, other)),
         }
     }
 
@@ -117,9 +114,7 @@ impl Scene {
             Some("transparent") => Ok(Background::Transparent),
             Some("black") => Ok(Background::Black),
             Some("white") => Ok(Background::White),
-            Some(other) => Err(Error::Input(format!(
-                "background \"{other}\" is not known; use transparent, black or white"
-            ))),
+            Some(other) => Err(unknown("background", &BACKGROUNDS, other)),
         }
     }
 

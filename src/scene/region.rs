@@ -1,11 +1,23 @@
 //! Groups of nodes named by where they are or what they are part of.
 
+use super::words::{check_fraction, fraction};
 use crate::mesh::{Location, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
+use std::fmt;
 
 /// A group of nodes: those that meet every condition given. Lengths are in the mesh's units.
+///
+/// ```toml
+/// [[pin]]
+/// axis = "z"              # by parts of the bounds …
+/// below = 0.05            # the lowest 5 %
+///
+/// [[pin]]
+/// z_below = -0.6          # … or by a place in the mesh's unit
+/// x_above = 1.2
+/// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Region {
@@ -16,10 +28,24 @@ pub struct Region {
     pub sphere: Option<[f64; 4]>,
     /// The axis that `below` and `above` speak of: `x`, `y` or `z`.
     pub axis: Option<Axis>,
-    /// In the lowest part of the bounds along `axis`: a fraction, 0..1.
+    /// In the lowest part of the bounds along `axis`: a fraction, from 0 to 1.
+    #[serde(default, deserialize_with = "fraction")]
     pub below: Option<f64>,
-    /// Above this fraction of the bounds along `axis`, 0..1.
+    /// Above this fraction of the bounds along `axis`, from 0 to 1.
+    #[serde(default, deserialize_with = "fraction")]
     pub above: Option<f64>,
+    /// Where x is at most this.
+    pub x_below: Option<f64>,
+    /// Where x is at least this.
+    pub x_above: Option<f64>,
+    /// Where y is at most this.
+    pub y_below: Option<f64>,
+    /// Where y is at least this.
+    pub y_above: Option<f64>,
+    /// Where z is at most this.
+    pub z_below: Option<f64>,
+    /// Where z is at least this.
+    pub z_above: Option<f64>,
     /// Corners of the tets of this region.
     pub label: Option<LabelOrName>,
 }
@@ -94,7 +120,7 @@ impl Region {
             .collect();
         if nodes.is_empty() {
             return Err(Error::Input(format!(
-                "the region {self:?} holds no node of the mesh, whose bounds are {} to {}",
+                "the region {self} holds no node of the mesh, whose bounds are {} to {}",
                 bounds.0, bounds.1
             )));
         }
@@ -108,12 +134,34 @@ impl Region {
                 "a region along an axis needs `axis` and `below` or `above`".into(),
             ));
         }
-        if !along && self.inside.is_none() && self.sphere.is_none() && self.label.is_none() {
+        for share in [self.below, self.above].into_iter().flatten() {
+            check_fraction(share)?;
+        }
+        let placed = self.places().iter().any(|(_, at)| at.is_some());
+        if !along
+            && !placed
+            && self.inside.is_none()
+            && self.sphere.is_none()
+            && self.label.is_none()
+        {
             return Err(Error::Input(
-                "a region needs one of box, sphere, axis with below or above, label".into(),
+                "a region needs one of box, sphere, axis with below or above, x_below to z_above, label"
+                    .into(),
             ));
         }
         Ok(())
+    }
+
+    /// Its bounds in the mesh's unit, by name: below and above for each axis.
+    fn places(&self) -> [(&'static str, Option<f64>); 6] {
+        [
+            ("x_below", self.x_below),
+            ("x_above", self.x_above),
+            ("y_below", self.y_below),
+            ("y_above", self.y_above),
+            ("z_below", self.z_below),
+            ("z_above", self.z_above),
+        ]
     }
 
     /// Whether point `p` meets every condition on its place.
@@ -131,7 +179,49 @@ impl Region {
             self.below.is_none_or(|f| p[axis] <= at(f))
                 && self.above.is_none_or(|f| p[axis] >= at(f))
         });
-        in_box && in_sphere && in_slab
+        let in_place = self.places().iter().enumerate().all(|(k, (_, at))| {
+            at.is_none_or(|at| match k % 2 {
+                0 => p[k / 2] <= at,
+                _ => p[k / 2] >= at,
+            })
+        });
+        in_box && in_sphere && in_slab && in_place
+    }
+}
+
+/// As a scene has it.
+impl fmt::Display for Region {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |numbers: &[f64]| {
+            let numbers: Vec<String> = numbers.iter().map(f64::to_string).collect();
+            format!("[{}]", numbers.join(", "))
+        };
+        let axis = self
+            .axis
+            .map(|axis| ["\"x\"", "\"y\"", "\"z\""][axis as usize]);
+        let label = self.label.as_ref().map(|label| match label {
+            LabelOrName::Label(label) => label.to_string(),
+            LabelOrName::Name(name) => format!("\"{name}\""),
+        });
+        let number = |x: Option<f64>| x.map(|x| x.to_string());
+        let mut said = vec![
+            (
+                "box",
+                self.inside
+                    .map(|b| format!("[{}, {}]", list(&b[0]), list(&b[1]))),
+            ),
+            ("sphere", self.sphere.map(|s| list(&s))),
+            ("axis", axis.map(str::to_owned)),
+            ("below", number(self.below)),
+            ("above", number(self.above)),
+        ];
+        said.extend(self.places().map(|(name, at)| (name, number(at))));
+        said.push(("label", label));
+        let said: Vec<String> = said
+            .into_iter()
+            .filter_map(|(name, value)| Some(format!("{name} = {}", value?)))
+            .collect();
+        write!(f, "{{ {} }}", said.join(", "))
     }
 }
 

@@ -7,7 +7,7 @@ const WHILE: f64 = 0.2;
 const STEPS: u32 = 20;
 
 /// Whether a body sleeps, decided from what a run of its solver tells anyway.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Sleep {
     allowed: bool,
     asleep: bool,

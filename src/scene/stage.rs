@@ -1,5 +1,6 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
+use super::checkpoint::Journal;
 use super::picture::{SIZE, Shown};
 use super::skin::carrier;
 use super::touch::Knife;
@@ -35,6 +36,8 @@ pub struct Stage {
     pub(super) skins: Vec<Skin>,
     pub(super) composer: Composer,
     pub(super) knives: Vec<Knife>,
+    /// What checkpoints need, where they are kept.
+    pub(super) journal: Option<Journal>,
     pub(super) background: Background,
     pub(super) bits: BitDepth,
     pub(super) steps: u32,
@@ -142,6 +145,7 @@ impl Stage {
             depth: None,
             composer: Composer::new(gpu, scene.compose_options())?,
             knives: scene.cut.iter().map(Knife::new).collect::<Result<_>>()?,
+            journal: None,
             skins: Vec::new(),
             scene: scene.clone(),
             topology,

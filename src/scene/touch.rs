@@ -17,8 +17,8 @@ const WALL: [f32; 3] = [0.55, 0.12, 0.12];
 #[derive(Debug)]
 pub(super) struct Hand {
     entry: GrabEntry,
-    grab: Option<GrabId>,
-    done: bool,
+    pub(super) grab: Option<GrabId>,
+    pub(super) done: bool,
 }
 
 impl Hand {
@@ -86,7 +86,7 @@ const CUTS: f64 = 16.0;
 pub(super) struct Knife {
     entry: CutEntry,
     /// The time up to which it has cut.
-    cut: Option<f64>,
+    pub(super) cut: Option<f64>,
 }
 
 impl Knife {
@@ -166,6 +166,10 @@ impl Stage {
             ));
         }
         self.still = None;
+        let pose = match self.journal {
+            Some(_) => self.pose_now()?,
+            None => None,
+        };
         let hit = match &mut self.actor {
             Actor::Posed(_) => false,
             Actor::Moving(motion) => match &mut motion.body {
@@ -208,6 +212,9 @@ impl Stage {
                 }
             },
         };
+        if hit && let (Some(journal), Some(pose)) = (&mut self.journal, pose) {
+            journal.note(blade, pose);
+        }
         if hit && !self.skins.is_empty() {
             let carrier = carrier(&self.gpu, &self.mesh, &mut self.actor)?;
             self.skins.truncate(self.scene.skin.len());

@@ -3,6 +3,7 @@
 //! A study measures points, each with all of its settings, into one CSV that a second run goes on
 //! from, draws charts of them, and says in a paragraph what was found.
 
+mod bodies;
 mod cages;
 mod chart;
 mod motion;

@@ -66,8 +66,13 @@ pub fn tune(
     let sound = |x: f64| x.is_finite() && x > 0.0;
     if !sound(wanted.error) || !sound(wanted.seconds) || !wanted.fps.is_none_or(sound) {
         return Err(Error::Input(format!(
-            "an error of {}, {} s and {:?} pictures a second cannot all be; give positive numbers",
-            wanted.error, wanted.seconds, wanted.fps
+            "an error of {}, {} s{} cannot all be; give positive numbers",
+            wanted.error,
+            wanted.seconds,
+            match wanted.fps {
+                Some(fps) => format!(" and {fps} pictures a second"),
+                None => String::new(),
+            }
         )));
     }
     let mut tuned = scene.clone();

@@ -54,13 +54,18 @@ pub struct MotionPoint {
     pub tolerance: f64,
 }
 
+impl fmt::Display for Body {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Body::Cage(nodes) => write!(f, "a cage of about {nodes} nodes"),
+            Body::Own => write!(f, "the mesh's own tets"),
+        }
+    }
+}
+
 impl fmt::Display for MotionPoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.body {
-            Body::Cage(nodes) => write!(f, "a cage of about {nodes} nodes")?,
-            Body::Own => write!(f, "the mesh's own tets")?,
-        }
-        write!(f, ", {} at {:.3e} s", self.solver, self.dt)?;
+        write!(f, "{}, {} at {:.3e} s", self.body, self.solver, self.dt)?;
         match self.tolerance > 0.0 {
             true => write!(f, " to a residual of {}", self.tolerance),
             false => Ok(()),
@@ -113,7 +118,7 @@ pub struct Motions<'a> {
     /// Σ |displacement|² over nodes and looks.
     moved: f64,
     /// The motions made so far, by what is simulated and the solver.
-    made: BTreeMap<(Body, &'static str), Option<Motion>>,
+    made: BTreeMap<(Body, &'static str), std::result::Result<Motion, String>>,
     progress: &'a (dyn Fn(&str, f64) + Sync),
 }
 
@@ -251,7 +256,7 @@ impl<'a> Motions<'a> {
                 continue;
             }
             point.dt = self.pace / count;
-            self.made.insert((body, point.solver.name()), Some(motion));
+            self.made.insert((body, point.solver.name()), Ok(motion));
             self.points.push(point);
         }
         Ok(())
@@ -265,9 +270,7 @@ impl<'a> Motions<'a> {
     /// Runs a candidate from rest on, showing the nodes at each look until that says to stop.
     fn run(&mut self, point: &MotionPoint, look: &mut dyn FnMut(&[DVec3]) -> bool) -> Result<()> {
         let steps = (self.pace / point.dt).round() as u32;
-        let Some(motion) = self.motion(point)? else {
-            return Err(Error::Input("this body cannot be made".into()));
-        };
+        let motion = self.motion(point)?.map_err(Error::Input)?;
         for _ in 0..LOOKS {
             motion.run(steps, &mut |_| {})?;
             if !look(&motion.positions()?) {
@@ -277,8 +280,8 @@ impl<'a> Motions<'a> {
         Ok(())
     }
 
-    /// The motion of a candidate, at rest; none where its body cannot be made.
-    fn motion(&mut self, point: &MotionPoint) -> Result<Option<&mut Motion>> {
+    /// The motion of a candidate, at rest; or why its body cannot be made.
+    fn motion(&mut self, point: &MotionPoint) -> Result<std::result::Result<&mut Motion, String>> {
         let mut scene = self.scene.clone();
         point.apply(&mut scene);
         let (gpu, mesh) = (&self.gpu, &self.mesh);
@@ -287,12 +290,15 @@ impl<'a> Motions<'a> {
             .entry((point.body, point.solver.name()))
             .or_insert_with(|| {
                 let made = Motion::new(gpu, &scene, point.solver, mesh, None);
-                made.ok().map(|m| m.0)
+                made.map(|m| m.0).map_err(|e| e.to_string())
             });
-        if let Some(motion) = made {
-            motion.restart(gpu, &scene)?;
+        match made {
+            Ok(motion) => {
+                motion.restart(gpu, &scene)?;
+                Ok(Ok(motion))
+            }
+            Err(why) => Ok(Err(format!("{}: {why}", point.body))),
         }
-        Ok(made.as_mut())
     }
 }
 
@@ -305,7 +311,7 @@ impl Trial for Motions<'_> {
 
     fn cost(&mut self, point: &MotionPoint) -> Result<f64> {
         let cost = self.cost;
-        let Some(motion) = self.motion(point)? else {
+        let Ok(motion) = self.motion(point)? else {
             return Ok(f64::INFINITY);
         };
         // The first run is slower: passes are made, and iterations guessed.

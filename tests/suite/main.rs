@@ -16,3 +16,4 @@ mod study;
 mod support;
 mod tune;
 mod unprepared;
+mod wrong_scenes;

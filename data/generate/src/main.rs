@@ -7,10 +7,13 @@ mod phantoms;
 
 use palpate::Result;
 use palpate::io;
-use palpate::mesh::generate::{Bore, ball, duct, limb, paper_bar};
+use palpate::mesh::generate::{Bore, ball, duct, foot_bones, limb, paper_bar};
 use palpate::mesh::{TetMesh, Topology, TriMesh, depth_field};
 use palpate::volume::Volume;
 use std::path::PathBuf;
+
+/// Edges of the bones of the foot, m: as fine as keeps their file below 300 KB.
+const FOOT_SPACING: f64 = 0.003;
 
 /// The mesh with a field to colour it by.
 fn with_depth(mut mesh: TetMesh) -> Result<TetMesh> {
@@ -42,13 +45,14 @@ pub fn volumes() -> Vec<(&'static str, Volume)> {
 }
 
 /// File names and surfaces.
-pub fn surfaces() -> Vec<(&'static str, TriMesh)> {
-    vec![
+pub fn surfaces() -> Result<Vec<(&'static str, TriMesh)>> {
+    Ok(vec![
         ("lobe.stl", phantoms::lobe()),
         ("heart.obj", heart::surface(64, 40, false)),
         ("bar_left.ply", bars::tube(0)),
         ("bar_right.ply", bars::tube(1)),
-    ]
+        ("foot_bones.ply", foot_bones(FOOT_SPACING)?),
+    ])
 }
 
 fn main() -> Result<()> {
@@ -67,7 +71,7 @@ fn main() -> Result<()> {
         println!("{}: {:?} voxels", path.display(), volume.size);
     }
     heart::normals()?.save(folder.join("heart_normals.png"))?;
-    for (name, surface) in surfaces() {
+    for (name, surface) in surfaces()? {
         let path = folder.join(name);
         io::write_surface(&path, &surface)?;
         println!("{}: {} triangles", path.display(), surface.triangles.len());

@@ -1,14 +1,14 @@
 //! Generators by name, for scenes and the command line.
 
 use super::{
-    Bore, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, box_mesh, duct, limb,
+    Bore, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, box_mesh, duct, foot, limb,
 };
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// The names that [`by_name`] knows, and what each of them makes.
-pub const GENERATORS: [(&str, &str); 6] = [
+pub const GENERATORS: [(&str, &str); 7] = [
     (
         "bar",
         "the bar of Tejada & Ertl 2005, 12 × 6 × 6 cm; 80 tets",
@@ -27,7 +27,27 @@ pub const GENERATORS: [(&str, &str); 6] = [
         "limb",
         "a forearm and hand with seven tissues; 100,000 tets",
     ),
+    ("foot", "a foot of 26 bones in flesh; 100,000 tets"),
 ];
+
+/// Whether there is a generator called `name`.
+///
+/// # Errors
+/// [`Error::Input`] where there is none; the message lists those there are.
+pub(crate) fn known(name: &str) -> Result<()> {
+    match GENERATORS.iter().any(|g| g.0 == name) {
+        true => Ok(()),
+        false => Err(unknown(name)),
+    }
+}
+
+fn unknown(name: &str) -> Error {
+    let names: Vec<&str> = GENERATORS.iter().map(|g| g.0).collect();
+    Error::Input(format!(
+        "there is no generator called \"{name}\"; there are {}",
+        names.join(", ")
+    ))
+}
 
 /// The mesh called `name`, one of [`GENERATORS`], with about `tets` tets, or with the number
 /// named there.
@@ -53,12 +73,7 @@ pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
         }
         "cube" => benchmark_cube(side(tets.unwrap_or(48_000), 6.0), false),
         "limb" => limb(tets.unwrap_or(100_000)),
-        _ => {
-            let names: Vec<&str> = GENERATORS.iter().map(|g| g.0).collect();
-            Err(Error::Input(format!(
-                "there is no generator called \"{name}\"; there are {}",
-                names.join(", ")
-            )))
-        }
+        "foot" => foot(tets.unwrap_or(100_000)),
+        _ => Err(unknown(name)),
     }
 }

@@ -36,3 +36,35 @@ pub(super) fn fill_solid(
     };
     fill(&Solid { size, inside }, &options, &|_, _| {})
 }
+
+/// Below this number of tets the step is corrected by making the mesh.
+const TRIAL_BELOW: usize = 20_000;
+
+/// The lattice step with which a solid has about `tets` tets, estimated from the `count` of two
+/// coarse meshes: they are as many as a/step³ + b/step², for the volume and for the surface.
+pub(super) fn lattice_step(
+    tets: usize,
+    [coarse, fine]: [f64; 2],
+    count: impl Fn(f64) -> Result<usize>,
+) -> Result<f64> {
+    let count = |step: f64| count(step).map(|n| n as f64);
+    let (n, m) = (count(coarse)? * coarse.powi(3), count(fine)? * fine.powi(3));
+    let b = (n - m) / (coarse - fine);
+    let a = m - b * fine;
+    let (mut low, mut high) = (1e-5f64, 0.1f64);
+    for _ in 0..60 {
+        let step = 0.5 * (low + high);
+        match a / step.powi(3) + b / step.powi(2) > tets as f64 {
+            true => low = step,
+            false => high = step,
+        }
+    }
+    let mut step = 0.5 * (low + high);
+    if tets < TRIAL_BELOW {
+        // Where cells are as large as fingers the estimate is poor, but trying costs little.
+        for _ in 0..3 {
+            step *= (count(step)? / tets as f64).cbrt();
+        }
+    }
+    Ok(step)
+}

@@ -9,6 +9,7 @@ mod body;
 mod cut;
 mod model;
 mod shape;
+mod state;
 mod verlet;
 
 pub use body::GridBody;
@@ -16,3 +17,4 @@ pub use cut::GridCut;
 pub use model::GridModel;
 pub(crate) use model::isotropic;
 pub use shape::{GridShape, SPRING_KINDS, STEPS};
+pub use state::GridState;

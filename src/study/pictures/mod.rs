@@ -226,7 +226,7 @@ fn subjects(run: &Run, scene: Option<&Path>) -> Vec<(String, &'static str)> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         return vec![(name.into_owned(), "its own")];
     }
-    let names = subject::names(|text| run.note(text), run.quick);
+    let names = subject::names(run.quick);
     let pairs = names
         .iter()
         .flat_map(|name| TRANSFERS.map(|t| ((*name).to_owned(), t)));

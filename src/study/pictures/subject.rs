@@ -8,46 +8,37 @@ use crate::reference::RayReference;
 use crate::render::{
     Camera, Geometry, Image, RaycastOptions, Raycaster, Scalars, TransferFunction, local_positions,
 };
-use crate::scene::{Scene, Stage};
+use crate::scene::Stage;
+use crate::study::bodies;
 use crate::{Error, Result};
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// The folder of real meshes beside the checkout.
-const SHARED: &str = "../shared/data";
-
-/// A body of the study: its name, the file it is read from (or else it is generated), and the
-/// field that is seen.
+/// A body of the study: its name, and the field that is seen.
 struct Source {
     name: &'static str,
-    file: Option<&'static str>,
     field: Option<&'static str>,
 }
 
 const SOURCES: [Source; 5] = [
     Source {
         name: "duct",
-        file: None,
         field: None,
     },
     Source {
         name: "limb",
-        file: None,
         field: Some("intensity"),
     },
     Source {
-        name: "heart",
-        file: Some("scalar/chaste_heart_decimation.vtu"),
-        field: Some("Distance from origin"),
+        name: "hollow",
+        field: Some("distance"),
     },
     Source {
-        name: "disk",
-        file: Some("scalar/disk_out_ref_tets.vtu"),
-        field: Some("Temp"),
+        name: "ring",
+        field: Some("heat"),
     },
     Source {
-        name: "liver",
-        file: Some("tet/gaia_liver.mesh"),
+        name: "foot",
         field: None,
     },
 ];
@@ -91,39 +82,23 @@ pub(super) struct Subject {
     transfer: TransferFunction,
 }
 
-/// The names of the bodies that there are here; `note` is told of the others.
-pub(super) fn names(note: impl Fn(&str), quick: bool) -> Vec<&'static str> {
-    let there = |source: &&Source| {
-        let Some(path) = source.path() else {
-            return true;
-        };
-        if !path.exists() {
-            let (name, path) = (source.name, path.display());
-            note(&format!(
-                "{name} is left out: there is no {path} beside this folder"
-            ));
-        }
-        path.exists()
-    };
+/// The names of the bodies.
+pub(super) fn names(quick: bool) -> Vec<&'static str> {
     let few = if quick { 1 } else { SOURCES.len() };
-    let all = SOURCES.iter().take(few).filter(there);
-    all.map(|source| source.name).collect()
+    SOURCES.iter().take(few).map(|s| s.name).collect()
 }
 
 impl Source {
-    fn path(&self) -> Option<PathBuf> {
-        self.file.map(|file| Path::new(SHARED).join(file))
-    }
-
     fn mesh(&self) -> Result<TetMesh> {
-        match (self.path(), self.name) {
-            (Some(path), _) => crate::io::read(path),
-            (None, "duct") => generate::duct(
+        match self.name {
+            "duct" => generate::duct(
                 [12, 12, 12],
                 DVec3::new(1.0, 1.0, 1.5),
                 generate::Bore::Round,
             ),
-            (None, name) => generate::by_name(name, Some(40_000)),
+            "hollow" => bodies::hollow(),
+            "ring" => bodies::ring(),
+            name => generate::by_name(name, Some(40_000)),
         }
     }
 }
@@ -157,9 +132,9 @@ impl Subject {
         })
     }
 
-    /// The scene at `path`, after its steps.
+    /// The scene at `path`, after its steps; or the mesh there, at rest.
     pub fn of_scene(gpu: &Gpu, path: &Path) -> Result<Subject> {
-        let scene = Scene::read(path)?;
+        let scene = bodies::named(path)?;
         let mut stage = Stage::new(gpu, &scene)?;
         stage.run(stage.steps(), &mut |_| {})?;
         let seen = stage.seen();

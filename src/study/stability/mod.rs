@@ -9,18 +9,13 @@ use super::Run;
 use crate::Result;
 use std::path::Path;
 
-/// Maps of the paper's bar and of a real heart, and the force that keeps volume. It takes no
-/// scene: the bodies are those of the paper and of the maps.
+/// Maps of the paper's bar and of a hollow body with slivers, or of the mesh (or a scene's mesh)
+/// that is named in its place, and the force that keeps volume.
 ///
 /// # Errors
-/// What measuring and writing return; `stability.csv` of another version of this study.
-pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
-    if let Some(scene) = scene {
-        run.note(&format!(
-            "the study of stability has bodies of its own; {} is passed over",
-            scene.display()
-        ));
-    }
-    maps::run(run)?;
+/// What reading a mesh, measuring and writing return; `stability.csv` of another version of this
+/// study.
+pub fn run(run: &Run, named: Option<&Path>) -> Result<()> {
+    maps::run(run, named)?;
     volume::run(run)
 }

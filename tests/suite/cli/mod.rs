@@ -4,6 +4,7 @@ mod bake;
 mod convert;
 mod mesh;
 mod pick;
+mod resume;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -4,6 +4,7 @@ mod cuts;
 mod data;
 mod describe;
 mod distance;
+mod foot;
 mod generators;
 mod isosurface;
 mod limb;

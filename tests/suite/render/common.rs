@@ -26,7 +26,10 @@ pub fn real_meshes() -> impl Iterator<Item = (&'static str, TetMesh)> {
 pub fn made_meshes() -> impl Iterator<Item = (&'static str, TetMesh)> {
     let round = generate::Bore::Round;
     [
-        ("duct", generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), round).unwrap()),
+        (
+            "duct",
+            generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), round).unwrap(),
+        ),
         ("limb", generate::by_name("limb", Some(6_000)).unwrap()),
         ("slivers", slivers()),
     ]

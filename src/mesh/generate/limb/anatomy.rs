@@ -3,7 +3,7 @@
 //! A forearm and hand, palm down, in metres: x runs from the cut through the forearm to the
 //! fingertips, y towards the thumb, z towards the back of the hand.
 
-use super::solids::{LongBone, ellipse, ellipsoid, rod, smooth_step, smooth_union};
+use super::super::shapes::{LongBone, ellipse, ellipsoid, rod, smooth_step, smooth_union};
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
 /// Where the wrist is along x; the forearm is cut at x = 0.

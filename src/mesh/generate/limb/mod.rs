@@ -4,9 +4,8 @@
 //! the outermost, and the tissues inside give each node an intensity and each tet a label.
 
 mod anatomy;
-mod solids;
 
-use super::solid::fill_solid;
+use super::solid::{fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::Filling;
 use crate::{Error, Result};
@@ -68,9 +67,6 @@ const MAIN_PIECE: f64 = 2e-4;
 /// Lattice steps, in metres, of the two coarse meshes from which the step is estimated.
 const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 
-/// Below this number of tets the step is corrected by making the mesh.
-const TRIAL_BELOW: usize = 20_000;
-
 /// A forearm and hand with about `tets` tets, in metres, at any resolution.
 ///
 /// The forearm is cut at x = 0, where it can be held; x runs to the fingertips, y to the thumb,
@@ -88,7 +84,9 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
         )));
     }
     let anatomy = Anatomy::new();
-    let step = lattice_step(&anatomy, tets)?;
+    let step = lattice_step(tets, TRIAL_STEPS, |step| {
+        Ok(fill(&anatomy, step)?.tets.len())
+    })?;
     let Filling { nodes, tets, .. } = fill(&anatomy, step)?;
     let intensity = nodes
         .par_iter()
@@ -132,32 +130,6 @@ fn fill(anatomy: &Anatomy, step: f64) -> Result<Filling> {
     let mut filled = fill_solid((high - low) / step, least, |p| -anatomy.outside(place(p)))?;
     filled.nodes.iter_mut().for_each(|p| *p = place(*p));
     Ok(filled)
-}
-
-/// The step that makes about `tets` tets: they are as many as a/step³ + b/step², for the volume
-/// and for the surface.
-fn lattice_step(anatomy: &Anatomy, tets: usize) -> Result<f64> {
-    let [coarse, fine] = TRIAL_STEPS;
-    let count = |step: f64| fill(anatomy, step).map(|f| f.tets.len() as f64);
-    let (n, m) = (count(coarse)? * coarse.powi(3), count(fine)? * fine.powi(3));
-    let b = (n - m) / (coarse - fine);
-    let a = m - b * fine;
-    let (mut low, mut high) = (1e-5f64, 0.1f64);
-    for _ in 0..60 {
-        let step = 0.5 * (low + high);
-        match a / step.powi(3) + b / step.powi(2) > tets as f64 {
-            true => low = step,
-            false => high = step,
-        }
-    }
-    let mut step = 0.5 * (low + high);
-    if tets < TRIAL_BELOW {
-        // Where cells are as large as fingers the estimate is poor, but trying costs little.
-        for _ in 0..3 {
-            step *= (count(step)? / tets as f64).cbrt();
-        }
-    }
-    Ok(step)
 }
 
 /// How much larger than the step a lattice cell is at `x`.

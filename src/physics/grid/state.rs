@@ -1,0 +1,86 @@
+//! The whole state of a grid body, out of the GPU and back to the bit.
+
+use super::body::GridBody;
+use super::verlet::Turn;
+use crate::physics::state::{GrabsState, put_back};
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// The state of a [`GridBody`]: see [`GridBody::state`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GridState {
+    positions: [Vec<[f32; 4]>; 3],
+    normals: Vec<u32>,
+    velocities: Vec<[f32; 4]>,
+    external: Vec<[f32; 4]>,
+    /// Which of the positions are those of the last step, and of the one before.
+    turn: [u8; 2],
+    lag: Option<f64>,
+    steps: u64,
+    time: f64,
+    touched: u64,
+    speed: f64,
+    grabs: GrabsState,
+}
+
+impl GridBody {
+    /// Everything about the body that steps and grabs change, read back; its springs are not part
+    /// of it.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array).
+    pub fn state(&self) -> Result<GridState> {
+        let gpu = &self.gpu;
+        let [a, b, c] = &self.positions;
+        Ok(GridState {
+            positions: [gpu.read_array(a)?, gpu.read_array(b)?, gpu.read_array(c)?],
+            normals: gpu.read_array(&self.normals)?,
+            velocities: gpu.read_array(&self.velocities)?,
+            external: gpu.read_array(&self.external)?,
+            turn: [self.turn.now as u8, self.turn.before as u8],
+            lag: self.lag,
+            steps: self.steps,
+            time: self.time,
+            touched: self.touched,
+            speed: self.speed,
+            grabs: self.grabs.state(),
+        })
+    }
+
+    /// Puts the body into a state that [`GridBody::state`] gave of it, or of one made and cut in
+    /// the same way.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for the state of another body.
+    pub fn set_state(&mut self, state: &GridState) -> Result<()> {
+        let [now, before] = state.turn.map(usize::from);
+        let sound = now < 3 && before < 3 && now != before;
+        if !sound || state.lag.is_some_and(|lag| !(lag.is_finite() && lag > 0.0)) {
+            return Err(Error::Input(
+                "the state of another body, or a damaged one".into(),
+            ));
+        }
+        for (array, texels) in self.positions.iter().zip(&state.positions) {
+            put_back(&self.gpu, array, texels)?;
+        }
+        put_back(&self.gpu, &self.normals, &state.normals)?;
+        put_back(&self.gpu, &self.velocities, &state.velocities)?;
+        put_back(&self.gpu, &self.external, &state.external)?;
+        self.grabs.set_state(&state.grabs, state.normals.len())?;
+        self.turn = Turn { now, before };
+        self.lag = state.lag;
+        (self.steps, self.time) = (state.steps, state.time);
+        (self.touched, self.speed) = (state.touched, state.speed);
+        self.dirty = true;
+        self.nodes.mark_moved();
+        Ok(())
+    }
+
+    /// Puts the particles where a cut found them, with the normals they had there.
+    pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]], normals: &[u32]) -> Result<()> {
+        put_back(&self.gpu, self.nodes.array(), texels)?;
+        put_back(&self.gpu, &self.normals, normals)?;
+        self.nodes.mark_moved();
+        Ok(())
+    }
+}

@@ -1,0 +1,206 @@
+//! The whole state of a body and its solver, out of the GPU and back to the bit: a run that goes
+//! on from it takes the same steps as one that was never left.
+//!
+//! What follows from the mesh, the material and the cuts made (masses, springs, pins) is not part
+//! of it, nor is what every recording of steps computes anew (forces, candidates, the vectors of
+//! conjugate gradients).
+
+use super::guard::gpu_data::Status;
+use super::guard::{Clock, HISTORY};
+use super::step::Timing;
+use super::stepper::{Scheme, Stepper};
+use super::{Body, GrabId, Grip};
+use crate::gpu::{Array, Gpu};
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Nodes that follow a target, as [`BodyState`] keeps them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct HeldState {
+    pub id: GrabId,
+    pub nodes: Vec<u32>,
+    pub offsets: Vec<[f64; 3]>,
+    pub target: [f64; 3],
+    pub grip: Grip,
+}
+
+/// The grabs of a body.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct GrabsState {
+    pub held: Vec<HeldState>,
+    pub next: u32,
+}
+
+/// The state of a [`Body`]: see [`Body::state`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BodyState {
+    positions: Vec<[f32; 4]>,
+    velocities: Vec<[f32; 4]>,
+    external: Vec<[f32; 4]>,
+    /// Cuts that were made.
+    generation: u64,
+    /// Changes of the state, and of any kind, from outside.
+    revision: [u64; 2],
+    grabs: GrabsState,
+}
+
+/// The state of a [`Solver`](super::Solver): see [`Solver::state`](super::Solver::state).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolverState {
+    kind: String,
+    status: Vec<u32>,
+    history: Vec<[f32; 4]>,
+    clock: Clock,
+    /// Iterations that a step is given.
+    iterations: u32,
+    /// Cuts that the solver has followed.
+    generation: u64,
+    /// Step size and revisions of the body that the next step goes on from; none where it starts
+    /// afresh.
+    prepared: Option<(f64, [u64; 2])>,
+    /// What the scheme carries from step to step.
+    carried: Vec<Vec<[f32; 4]>>,
+}
+
+/// Writes `texels` into `array`, whose length is known to be right only if this succeeds.
+pub(super) fn put_back<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, texels: &[T]) -> Result<()> {
+    if texels.len() == array.len() as usize {
+        return gpu.write_array(array, texels);
+    }
+    Err(Error::Input(format!(
+        "the state of {} nodes does not fit a body of {}",
+        texels.len(),
+        array.len()
+    )))
+}
+
+impl Body {
+    /// Everything about the body that steps, grabs and cuts change, read back; of its shape only
+    /// the number of cuts.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_array`].
+    pub fn state(&self) -> Result<BodyState> {
+        let revision = self.revision();
+        Ok(BodyState {
+            positions: self.nodes.local()?,
+            velocities: self.gpu.read_array(&self.velocities)?,
+            external: self.gpu.read_array(&self.external)?,
+            generation: self.generation,
+            revision: [revision.state, revision.any],
+            grabs: self.grabs.state(),
+        })
+    }
+
+    /// Puts the body into a state that [`Body::state`] gave of it, or of one made and cut in the
+    /// same way. The state of its solver follows with
+    /// [`Solver::set_state`](super::Solver::set_state).
+    ///
+    /// # Errors
+    /// [`Error::Input`] for the state of another body, or of one that was cut otherwise.
+    pub fn set_state(&mut self, state: &BodyState) -> Result<()> {
+        if state.generation != self.generation {
+            return Err(Error::Input(format!(
+                "the state of a body that was cut {} times does not fit one that was cut {} times",
+                state.generation, self.generation
+            )));
+        }
+        put_back(&self.gpu, &self.velocities, &state.velocities)?;
+        put_back(&self.gpu, &self.external, &state.external)?;
+        put_back(&self.gpu, self.nodes.array(), &state.positions)?;
+        self.grabs.set_state(&state.grabs, state.positions.len())?;
+        self.masses_changed = true;
+        self.nodes.mark_moved();
+        let [state, any] = state.revision;
+        self.set_revision(super::body::Revision { state, any });
+        Ok(())
+    }
+
+    /// Puts the nodes, without velocities, where a cut found them.
+    pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]]) -> Result<()> {
+        put_back(&self.gpu, self.nodes.array(), texels)?;
+        self.nodes.mark_moved();
+        Ok(())
+    }
+}
+
+impl<S: Scheme> Stepper<S> {
+    pub(super) fn read_state(&self) -> Result<SolverState> {
+        let gpu = &self.core.gpu;
+        let status: Vec<Status> = gpu.read_buffer(&self.core.status)?;
+        let carried = self.scheme.carried().into_iter();
+        Ok(SolverState {
+            kind: S::KIND.name().to_owned(),
+            status: bytemuck::cast_slice(&status).to_vec(),
+            history: gpu.read_buffer(&self.core.history)?,
+            clock: self.clock.clone(),
+            iterations: self.iterations,
+            generation: self.core.generation,
+            prepared: self.prepared.as_ref().map(|p| {
+                let super::body::Revision { state, any } = p.revision;
+                (p.dt, [state, any])
+            }),
+            carried: carried
+                .map(|array| gpu.read_array(array))
+                .collect::<Result<_>>()?,
+        })
+    }
+
+    pub(super) fn write_state(&mut self, body: &Body, state: &SolverState) -> Result<()> {
+        let words = size_of::<Status>() / size_of::<u32>();
+        let wrong = |what: String| Err(Error::Input(what));
+        if state.kind != S::KIND.name() {
+            return wrong(format!(
+                "the state of the solver {} does not fit {}",
+                state.kind,
+                S::KIND
+            ));
+        }
+        let sound = state.status.len() == words
+            && state.history.len() == HISTORY as usize
+            && state.iterations >= self.iterations.min(1)
+            && state.iterations <= S::max_iterations(&self.scheme)
+            && state.generation <= body.generation
+            && state.clock.sound();
+        if body.id != self.core.body || !sound {
+            return wrong("the state of another solver, or a damaged one".to_owned());
+        }
+        let gpu = self.core.gpu.clone();
+        let queue = gpu.queue();
+        queue.write_buffer(&self.core.status, 0, bytemuck::cast_slice(&state.status));
+        queue.write_buffer(&self.core.history, 0, bytemuck::cast_slice(&state.history));
+        self.clock = state.clock.clone();
+        self.iterations = state.iterations;
+        self.unseen = false;
+        self.prepared = None;
+        if state.generation != body.generation {
+            // The body was cut after the last step: the next one starts afresh anyway.
+            return Ok(());
+        }
+        self.core.follow(body)?;
+        self.scheme.follow(&self.core, body)?;
+        let arrays = self.scheme.carried();
+        if arrays.len() != state.carried.len() {
+            return wrong("the state of another solver, or a damaged one".to_owned());
+        }
+        for (array, texels) in arrays.into_iter().zip(&state.carried) {
+            put_back(&gpu, array, texels)?;
+        }
+        let Some((dt, [state, any])) = state.prepared else {
+            return Ok(());
+        };
+        let local_dt = (dt / body.units.time) as f32;
+        if !(dt > 0.0 && dt.is_finite() && local_dt.is_normal()) {
+            return wrong(format!("a state with a time step of {dt} s is damaged"));
+        }
+        let timing = Timing {
+            dt: local_dt,
+            before: local_dt,
+        };
+        let step = self.scheme.passes(&self.core, body, timing)?;
+        let mut prepared = self.core.prepare(body, step, dt, local_dt)?;
+        prepared.revision = super::body::Revision { state, any };
+        self.prepared = Some(prepared);
+        Ok(())
+    }
+}

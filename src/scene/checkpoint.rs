@@ -1,0 +1,320 @@
+//! Checkpoints: everything that a simulation needs to go on where it stopped, in one file, so
+//! that the frames that follow are those of a run that was never interrupted, byte for byte.
+//!
+//! State is kept to the bit. Cuts are kept as the blade and where the body stood when it fell;
+//! they are made again, which gives the mesh, the springs, the skins and the lists for drawing
+//! as they were.
+
+use super::stage::{Actor, Stage};
+use super::{Mover, Run, Scene};
+use crate::mesh::{Blade, TetMesh};
+use crate::physics::grid::GridState;
+use crate::physics::{BodyState, GrabId, Progress, SolverState};
+use crate::scene::sleep::Sleep;
+use crate::{Error, Result};
+use flate2::Crc;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::io::Write;
+use std::path::Path;
+
+/// The first line of the file: what it is, and the version of Palpate that wrote it. Another
+/// version steps and cuts in its own way.
+const FIRST_LINE: &str = concat!("palpate checkpoint 1 ", env!("CARGO_PKG_VERSION"), "\n");
+
+/// Where the body stood when a blade fell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Pose {
+    positions: Vec<[f32; 4]>,
+    /// Of a grid body.
+    normals: Vec<u32>,
+}
+
+/// A cut that was made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct CutMade {
+    /// The two ends of the blade's edge, at each of its positions.
+    edges: Vec<[[f64; 3]; 2]>,
+    pose: Pose,
+}
+
+/// What a stage notes so that it can be taken up again: what it began as, and its cuts.
+#[derive(Clone, Debug)]
+pub(super) struct Journal {
+    scene: u32,
+    mesh: u32,
+    cuts: Vec<CutMade>,
+}
+
+impl Journal {
+    /// Takes note of a cut made along `blade` where the body stood in `pose`.
+    pub fn note(&mut self, blade: &Blade, pose: Pose) {
+        let edges = blade.edges().map(|e| e.map(|p| p.to_array())).collect();
+        self.cuts.push(CutMade { edges, pose });
+    }
+}
+
+/// The body and its solver.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+enum MoverState {
+    Tets(BodyState, SolverState),
+    Grid(GridState),
+}
+
+/// How far a simulation came, and all that its next steps depend on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint {
+    scene: u32,
+    mesh: u32,
+    adapter: String,
+    run: Option<Run>,
+    times: Vec<f64>,
+    cuts: Vec<CutMade>,
+    /// Of each blade, the time up to which it has cut.
+    knives: Vec<Option<f64>>,
+    hands: Vec<(Option<GrabId>, bool)>,
+    sleep: Sleep,
+    progress: Option<Progress>,
+    dt: f64,
+    mover: MoverState,
+}
+
+impl Checkpoint {
+    /// The times of the frames that were finished, in seconds.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// The graphics adapter that it was made on. Another one rounds differently.
+    pub fn adapter(&self) -> &str {
+        &self.adapter
+    }
+
+    /// The run for which load, step and view were chosen where the scene does not give them.
+    pub fn run(&self) -> Option<Run> {
+        self.run
+    }
+
+    /// Writes the checkpoint; an older one of that name stays whole until the new one is.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it cannot be written.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        let content = postcard::to_stdvec(self)
+            .map_err(|e| Error::format(path, format!("the checkpoint cannot be packed: {e}")))?;
+        crate::io::atomic_write(path, |file| {
+            [
+                FIRST_LINE.as_bytes(),
+                &crc(&content).to_le_bytes(),
+                &content,
+            ]
+            .into_iter()
+            .try_for_each(|part| file.write_all(part))
+            .map_err(Error::io(path))
+        })
+    }
+
+    /// Reads a checkpoint.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Format`] for a file that is no checkpoint, one of another
+    /// version, or a damaged one.
+    pub fn read(path: impl AsRef<Path>) -> Result<Checkpoint> {
+        let path = path.as_ref();
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let afresh = "run without --resume to start afresh";
+        let kind = b"palpate checkpoint ";
+        let Some(rest) = bytes.strip_prefix(FIRST_LINE.as_bytes()) else {
+            let line = bytes.split(|b| *b == b'\n').next().unwrap_or_default();
+            let what = match line.strip_prefix(kind) {
+                Some(version) if version.len() < 40 => format!(
+                    "this checkpoint is of version {}, this is version {}, which does not step the same; {afresh}",
+                    String::from_utf8_lossy(version),
+                    FIRST_LINE
+                        .trim_start_matches("palpate checkpoint ")
+                        .trim_end(),
+                ),
+                _ => format!("this is no checkpoint; {afresh}"),
+            };
+            return Err(Error::format(path, what));
+        };
+        let damaged = || Error::format(path, format!("the checkpoint is damaged; {afresh}"));
+        let (sum, content) = rest.split_first_chunk::<4>().ok_or_else(damaged)?;
+        if u32::from_le_bytes(*sum) != crc(content) {
+            return Err(damaged());
+        }
+        postcard::from_bytes(content).map_err(|_| damaged())
+    }
+}
+
+fn crc(bytes: &[u8]) -> u32 {
+    let mut crc = Crc::new();
+    crc.update(bytes);
+    crc.sum()
+}
+
+/// What tells a scene from another: all its entries, and the files that it names beside the mesh.
+/// Where these lie does not matter.
+fn of_scene(scene: &Scene) -> u32 {
+    let mut crc = Crc::new();
+    let mut plain = scene.clone();
+    let mut file = |path: &mut std::path::PathBuf| {
+        // A file that cannot be read has made the scene fail before.
+        crc.update(&std::fs::read(&*path).unwrap_or_default());
+        *path = path.file_name().unwrap_or_default().into();
+    };
+    for skin in &mut plain.skin {
+        file(&mut skin.file);
+        skin.normal_map.iter_mut().for_each(&mut file);
+        skin.height_map.iter_mut().for_each(&mut file);
+    }
+    if let Some(transfer) = &mut plain.picture.transfer
+        && transfer.ends_with(".json")
+    {
+        let mut path = transfer.as_str().into();
+        file(&mut path);
+        *transfer = path.to_string_lossy().into_owned();
+    }
+    if let Some(path) = &mut plain.mesh.file {
+        *path = path.file_name().unwrap_or_default().into();
+    }
+    crc.update(format!("{plain:?}").as_bytes());
+    crc.sum()
+}
+
+/// What tells a mesh from another: nodes, tets and fields.
+fn of_mesh(mesh: &TetMesh) -> u32 {
+    let mut crc = Crc::new();
+    let nodes: Vec<[f64; 3]> = mesh.nodes.iter().map(|p| p.to_array()).collect();
+    crc.update(bytemuck::cast_slice(&nodes));
+    crc.update(bytemuck::cast_slice(&mesh.tets));
+    for field in &mesh.fields {
+        crc.update(field.name.as_bytes());
+        crc.update(bytemuck::cast_slice(&field.values));
+    }
+    crc.sum()
+}
+
+impl Stage {
+    /// Keeps what [`Stage::checkpoint`] needs from now on: to be called before the first step.
+    pub fn keep_checkpoints(&mut self) {
+        self.journal = Some(Journal {
+            scene: of_scene(&self.scene),
+            mesh: of_mesh(&self.mesh),
+            cuts: Vec::new(),
+        });
+    }
+
+    /// Where the simulation is, read back. `times` are those of the frames finished so far.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing moves, or [`Stage::keep_checkpoints`] was not called;
+    /// otherwise what reading back gives.
+    pub fn checkpoint(&self, times: &[f64]) -> Result<Checkpoint> {
+        let (Some(journal), Actor::Moving(motion)) = (&self.journal, &self.actor) else {
+            return Err(Error::Input(
+                "a checkpoint is of a simulation that keeps them from its first step on".into(),
+            ));
+        };
+        Ok(Checkpoint {
+            scene: journal.scene,
+            mesh: journal.mesh,
+            adapter: self.gpu.adapter_name(),
+            run: self.scene.solver.run,
+            times: times.to_vec(),
+            cuts: journal.cuts.clone(),
+            knives: self.knives.iter().map(|k| k.cut).collect(),
+            hands: motion.hands.iter().map(|h| (h.grab, h.done)).collect(),
+            sleep: motion.sleep,
+            progress: motion.progress,
+            dt: motion.dt,
+            mover: match &motion.body {
+                Mover::Tets(body, solver) => MoverState::Tets(body.state()?, solver.state()?),
+                Mover::Grid(body) => MoverState::Grid(body.state()?),
+            },
+        })
+    }
+
+    /// Brings a stage that was not stepped yet to where `checkpoint` was made. The next steps are
+    /// those that would have followed it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when it is of another scene or mesh, or does not fit this one; the stage
+    /// is of no use then.
+    pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<()> {
+        self.keep_checkpoints();
+        let Some(journal) = &self.journal else {
+            return Ok(());
+        };
+        let other = |what: &str| {
+            Err(Error::Input(format!(
+                "the checkpoint is of another {what}; run without --resume to start afresh"
+            )))
+        };
+        if journal.scene != checkpoint.scene {
+            return other(
+                "scene, or this one was changed since (its entries, the flags, or a file it names)",
+            );
+        }
+        if journal.mesh != checkpoint.mesh {
+            return other("mesh, or this one was changed since");
+        }
+        for cut in &checkpoint.cuts {
+            let edges: Vec<[DVec3; 2]> = cut.edges.iter().map(|e| e.map(DVec3::from)).collect();
+            let blade = Blade::swept(&edges)?;
+            self.take_pose(&cut.pose)?;
+            self.cut(&blade)?;
+        }
+        let Actor::Moving(motion) = &mut self.actor else {
+            return other("kind: nothing moves in this scene");
+        };
+        let fits = motion.hands.len() == checkpoint.hands.len()
+            && self.knives.len() == checkpoint.knives.len()
+            && motion.dt == checkpoint.dt;
+        if !fits {
+            return other("scene: grabs, cuts and step size are not the same");
+        }
+        for (knife, cut) in self.knives.iter_mut().zip(&checkpoint.knives) {
+            knife.cut = *cut;
+        }
+        for (hand, (grab, done)) in motion.hands.iter_mut().zip(&checkpoint.hands) {
+            (hand.grab, hand.done) = (*grab, *done);
+        }
+        match (&mut motion.body, &checkpoint.mover) {
+            (Mover::Tets(body, solver), MoverState::Tets(state, stepping)) => {
+                body.set_state(state)?;
+                solver.set_state(body, stepping)?;
+            }
+            (Mover::Grid(body), MoverState::Grid(state)) => body.set_state(state)?,
+            _ => return other("kind of body"),
+        }
+        motion.sleep = checkpoint.sleep;
+        motion.progress = checkpoint.progress;
+        self.still = None;
+        Ok(())
+    }
+
+    /// Where the body stands, as a cut finds it.
+    pub(super) fn pose_now(&self) -> Result<Option<Pose>> {
+        let Actor::Moving(motion) = &self.actor else {
+            return Ok(None);
+        };
+        let positions = self.gpu.read_array(motion.body.nodes().array())?;
+        let normals = match &motion.body {
+            Mover::Tets(..) => Vec::new(),
+            Mover::Grid(body) => self.gpu.read_array(body.normals())?,
+        };
+        Ok(Some(Pose { positions, normals }))
+    }
+
+    fn take_pose(&mut self, pose: &Pose) -> Result<()> {
+        match &mut self.actor {
+            Actor::Posed(_) => Ok(()),
+            Actor::Moving(motion) => match &mut motion.body {
+                Mover::Tets(body, _) => body.stand_at(&pose.positions),
+                Mover::Grid(body) => body.stand_at(&pose.positions, &pose.normals),
+            },
+        }
+    }
+}

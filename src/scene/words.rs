@@ -1,0 +1,107 @@
+//! Entries of a scene that are one of some words: checked when the file is read, so that the
+//! error has their line.
+
+use super::Unit;
+use crate::mesh::generate;
+use crate::physics::SolverKind;
+use crate::render::TransferFunction;
+use crate::{Error, Result};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+
+/// What a picture shows.
+pub(super) const MODES: [&str; 4] = ["composite", "thickness", "surface", "skin"];
+/// How rays go from tet to tet.
+pub(super) const WALKS: [&str; 2] = ["vertices", "planes"];
+/// What is behind the volume.
+pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
+/// How springs are damped.
+pub(super) const DAMPING_KINDS: [&str; 2] = ["axial", "relative"];
+
+/// That `word` is none of `words`.
+pub(super) fn unknown(what: &str, words: &[&str], word: &str) -> Error {
+    let (last, rest) = words.split_last().unwrap_or((&"", &[]));
+    Error::Input(format!(
+        "{what} \"{word}\" is not known; use {} or {last}",
+        rest.join(", ")
+    ))
+}
+
+fn one_of(what: &str, words: &[&str], word: &str) -> Result<()> {
+    match words.contains(&word) {
+        true => Ok(()),
+        false => Err(unknown(what, words, word)),
+    }
+}
+
+type Entry<T, E> = std::result::Result<Option<T>, E>;
+
+fn checked<'de, D: Deserializer<'de>>(
+    from: D,
+    check: impl Fn(&str) -> Result<()>,
+) -> Entry<String, D::Error> {
+    let word = String::deserialize(from)?;
+    check(&word).map_err(D::Error::custom)?;
+    Ok(Some(word))
+}
+
+pub(super) fn mode<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("mode", &MODES, word))
+}
+
+pub(super) fn walk<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("walk", &WALKS, word))
+}
+
+pub(super) fn background<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("background", &BACKGROUNDS, word))
+}
+
+pub(super) fn damping_kind<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("damping kind", &DAMPING_KINDS, word))
+}
+
+pub(super) fn solver<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| word.parse::<SolverKind>().map(drop))
+}
+
+pub(super) fn generator<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, generate::known)
+}
+
+/// A transfer function of a picture: a preset, JSON, or the name of a JSON file, which is read
+/// later.
+pub(super) fn transfer<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| match word {
+        json if json.trim_start().starts_with('{') => TransferFunction::from_json(json).map(drop),
+        file if file.ends_with(".json") => Ok(()),
+        name => TransferFunction::preset(name).map(drop),
+    })
+}
+
+pub(super) fn preset<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| TransferFunction::preset(word).map(drop))
+}
+
+pub(super) fn unit<'de, D: Deserializer<'de>>(from: D) -> Entry<Unit, D::Error> {
+    let unit = Unit::deserialize(from)?;
+    unit.metres().map_err(D::Error::custom)?;
+    Ok(Some(unit))
+}
+
+/// A part of the bounds along an axis, as `below` and `above` of a region have it.
+pub(super) fn fraction<'de, D: Deserializer<'de>>(from: D) -> Entry<f64, D::Error> {
+    let share = f64::deserialize(from)?;
+    check_fraction(share).map_err(D::Error::custom)?;
+    Ok(Some(share))
+}
+
+/// Whether `share` is from 0 to 1.
+pub(super) fn check_fraction(share: f64) -> Result<()> {
+    match (0.0..=1.0).contains(&share) {
+        true => Ok(()),
+        false => Err(Error::Input(format!(
+            "{share} is no part of the bounds along the axis, from 0 to 1; a place in the mesh's unit is given by x_below, x_above, y_below, y_above, z_below or z_above, without an axis"
+        ))),
+    }
+}

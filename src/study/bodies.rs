@@ -1,0 +1,149 @@
+//! Bodies that studies make for themselves: with slivers and hollows as bodies from scans have
+//! them, and thin ones; and those that a user names.
+
+use crate::mesh::{Field, Location, TetMesh, generate, signed_volume};
+use crate::scene::Scene;
+use crate::{Error, Result};
+use glam::{DVec3, dvec3};
+use std::path::Path;
+
+/// The share of its height to which a tet is flattened: of eight degrees or less.
+const FLAT: f64 = 0.05;
+
+/// Every so many tets one is flattened.
+const EVERY: usize = 9;
+
+/// A thick-walled body with a hollow right through it, some 600 tets, in centimetres. One tet in
+/// about nine is a sliver, as in coarse meshes made of scans. Its node field `distance` is that
+/// from a point beside it.
+///
+/// # Errors
+/// What making the mesh gives.
+pub(super) fn hollow() -> Result<TetMesh> {
+    let mut mesh = generate::duct([6, 6, 3], DVec3::splat(2.0), generate::Bore::Round)?;
+    let (low, high) = mesh.bounds();
+    let middle = 0.5 * (low + high);
+    // Rounded like a ventricle: narrower towards one end, and bent.
+    for p in &mut mesh.nodes {
+        let t = (p.z - low.z) / (high.z - low.z);
+        let narrow = 1.0 - 0.45 * t * t;
+        let [x, y] = [p.x - middle.x, p.y - middle.y];
+        let round = 1.0 - 0.12 * (x * y).abs();
+        *p = dvec3(
+            middle.x + narrow * round * x + 0.25 * t * t,
+            middle.y + narrow * round * y,
+            p.z,
+        );
+    }
+    flatten(&mut mesh);
+    let place = low - dvec3(0.3, 0.4, 0.2);
+    let distance = mesh.nodes.iter().map(|p| p.distance(place)).collect();
+    mesh.set_field(Field::scalar("distance", Location::Node, distance))?;
+    mesh.length_unit = Some(0.01);
+    Ok(mesh)
+}
+
+/// Flattens tets here and there by moving a corner towards the face opposite, where no other tet
+/// is turned inside out by it.
+fn flatten(mesh: &mut TetMesh) {
+    let mut around = vec![Vec::new(); mesh.nodes.len()];
+    for (t, tet) in mesh.tets.iter().enumerate() {
+        for v in tet {
+            around[*v as usize].push(t);
+        }
+    }
+    let mut moved = vec![false; mesh.nodes.len()];
+    for t in (0..mesh.tets.len()).step_by(EVERY) {
+        let tet = mesh.tets[t];
+        for corner in 0..4 {
+            let v = tet[corner] as usize;
+            let others = [1, 2, 3].map(|k| tet[(corner + k) % 4] as usize);
+            if moved[v] || others.iter().any(|v| moved[*v]) {
+                continue;
+            }
+            let [a, b, c] = others.map(|v| mesh.nodes[v]);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            let height = (mesh.nodes[v] - a).dot(normal);
+            let before = mesh.nodes[v];
+            mesh.nodes[v] -= (1.0 - FLAT) * height * normal;
+            let volume = |t: &usize| signed_volume(mesh.tet_nodes(*t));
+            let smallest = around[v].iter().map(volume).fold(f64::INFINITY, f64::min);
+            if smallest > 1e-4 {
+                moved[v] = true;
+                others.iter().for_each(|v| moved[*v] = true);
+                break;
+            }
+            mesh.nodes[v] = before;
+        }
+    }
+}
+
+/// A flat ring whose tets are thin, most so at its faces, as meshes of flows are; its node field
+/// `heat` falls off steeply from the hub and from one face.
+///
+/// # Errors
+/// What making the mesh gives.
+pub(super) fn ring() -> Result<TetMesh> {
+    let mut mesh = generate::duct([12, 12, 10], dvec3(1.0, 1.0, 0.3), generate::Bore::Round)?;
+    let (low, high) = mesh.bounds();
+    let middle = 0.5 * (low + high);
+    for p in &mut mesh.nodes {
+        let t = (p.z - low.z) / (high.z - low.z);
+        p.z = low.z + (high.z - low.z) * t * t * (3.0 - 2.0 * t);
+    }
+    let heat = mesh.nodes.iter().map(|p| {
+        let t = (p.z - low.z) / (high.z - low.z);
+        let r = (*p - middle).truncate().length();
+        293.0 + 600.0 * (-6.0 * t).exp() * (-2.0 * r).exp()
+    });
+    let heat = heat.collect();
+    mesh.set_field(Field::scalar("heat", Location::Node, heat))?;
+    Ok(mesh)
+}
+
+/// The scene at `path`, or the one that a mesh file there alone makes.
+pub(super) fn named(path: &Path) -> Result<Scene> {
+    let is_scene = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    match is_scene {
+        true => Scene::read(path),
+        false if path.is_file() => Ok(Scene::of_mesh(path)),
+        false => Err(Error::Input(format!(
+            "{}: there is no such scene (.toml) or mesh to study",
+            path.display()
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::mesh::{BoundaryShape, QualityReport, Topology};
+
+    #[test]
+    fn the_hollow_body_has_slivers_and_a_hollow_and_no_inverted_tet() {
+        let mesh = hollow().unwrap();
+        let quality = QualityReport::new(&mesh);
+        let volume = |t: usize| signed_volume(mesh.tet_nodes(t));
+        assert!((0..mesh.tets.len()).all(|t| volume(t) > 0.0));
+        assert!(
+            quality.slivers * 20 > mesh.tets.len() && quality.slivers * 2 < mesh.tets.len(),
+            "{} of {}",
+            quality.slivers,
+            mesh.tets.len()
+        );
+        let topology = Topology::new(&mesh);
+        assert_eq!(BoundaryShape::new(&mesh, &topology).euler_number(), 0);
+    }
+
+    #[test]
+    fn the_ring_is_flat_and_right_way_out() {
+        let mesh = ring().unwrap();
+        assert!((0..mesh.tets.len()).all(|t| signed_volume(mesh.tet_nodes(t)) > 0.0));
+        let heat = &mesh.field("heat", Location::Node).unwrap().values;
+        let most = heat.iter().copied().fold(0.0, f64::max);
+        assert!(most > 400.0, "{most}");
+    }
+}

@@ -1,0 +1,259 @@
+//! What is wrong in a scene is said with the file, the line and the column, and what would do.
+
+use palpate::mesh::generate;
+use palpate::scene::{Region, Scene};
+
+/// A scene with one line too many or another one, the line and column that the message names, and
+/// words that it has.
+const WRONG: &[(&str, &str, &[&str])] = &[
+    (
+        "[mesh]\nfiel = \"a.vtu\"",
+        "line 2, column 1",
+        &["fiel", "file", "generate"],
+    ),
+    (
+        "[mesh]\nfile = 3",
+        "line 2, column 8",
+        &["integer `3`", "path"],
+    ),
+    (
+        "[mesh]\ngenerate = \"limp\"",
+        "line 2, column 12",
+        &["limp", "limb", "foot"],
+    ),
+    (
+        "[mesh]\ngenerate = \"limb\"\ntets = \"many\"",
+        "line 3, column 8",
+        &["many"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\nedge = \"2 furlongs\"",
+        "line 3, column 8",
+        &["furlongs"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\nunit = \"furlong\"",
+        "line 3, column 8",
+        &["furlong", "cm"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\nunit = -1",
+        "line 3, column 8",
+        &["positive"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\nunit = [1]",
+        "line 3, column 8",
+        &["a unit is"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\nlabels = \"some\"",
+        "line 3, column 10",
+        &["all"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\nabove = [\"x=y\"]",
+        "line 3",
+        &["x=y"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\nbetween = [\"9..1\"]",
+        "line 3",
+        &["9..1"],
+    ),
+    (
+        "mesh = {}\n[material]\nyoung = \"soft\"",
+        "line 3, column 9",
+        &["soft", "f64"],
+    ),
+    (
+        "mesh = {}\n[material]\nyuong = 3",
+        "line 3, column 9",
+        &["`yuong` is neither a setting"],
+    ),
+    (
+        "mesh = {}\n[material]\ndamping_kind = \"none\"",
+        "line 3, column 16",
+        &["none", "axial or relative"],
+    ),
+    (
+        "mesh = {}\n[material]\nyoung = 1\n\nbone = { mass = 2 }",
+        "line 5, column 8",
+        &["`bone`"],
+    ),
+    (
+        "mesh = {}\n[solver]\nnam = \"implicit\"",
+        "line 3, column 1",
+        &["nam", "name"],
+    ),
+    (
+        "mesh = {}\n[solver]\nname = \"implizit\"",
+        "line 3, column 8",
+        &["implizit", "velocity-verlet"],
+    ),
+    (
+        "mesh = {}\n[solver]\ngravity = [0, 1]",
+        "line 3, column 11",
+        &["3"],
+    ),
+    (
+        "mesh = {}\n[[pin]]\naxis = \"w\"\nbelow = 0.1",
+        "line 3, column 8",
+        &["`w`", "`x`"],
+    ),
+    (
+        "mesh = {}\n[[pin]]\naxis = \"z\"\nbelow = -0.6",
+        "line 4, column 9",
+        &["-0.6", "from 0 to 1", "z_below"],
+    ),
+    (
+        "mesh = {}\n[[pin]]\naxis = \"z\"\nabove = 12",
+        "line 4, column 9",
+        &["12", "x_above"],
+    ),
+    (
+        "mesh = {}\n[[pin]]\nz_blow = 1",
+        "line 3, column 1",
+        &["z_blow", "z_below"],
+    ),
+    (
+        "mesh = {}\n[[force]]\ntotal = [0, 0, 1]",
+        "line 2",
+        &["`on`"],
+    ),
+    (
+        "mesh = {}\n[grid]\nspacing = \"wide\"",
+        "line 3, column 11",
+        &["a length"],
+    ),
+    (
+        "mesh = {}\n[cage]\nkind = \"steel\"",
+        "line 3, column 8",
+        &["steel", "lattice"],
+    ),
+    (
+        "mesh = {}\n[[grab]]\nat = [0, 0]\nradius = 1\npath = []",
+        "line 3, column 6",
+        &["3"],
+    ),
+    (
+        "mesh = {}\n[[skin]]\nfile = \"s.ply\"\nmapping = \"tight\"",
+        "line 4, column 11",
+        &["tight", "auto"],
+    ),
+    (
+        "mesh = {}\n[[skin]]\nfile = \"s.ply\"\ntransfer = \"neon\"",
+        "line 4, column 12",
+        &["neon", "viridis"],
+    ),
+    (
+        "mesh = {}\n[camera]\nfov = \"wide\"",
+        "line 3, column 7",
+        &["wide"],
+    ),
+    (
+        "mesh = {}\n[picture]\ntransfer = \"neon\"",
+        "line 3, column 12",
+        &["neon", "tissue"],
+    ),
+    (
+        "mesh = {}\n[picture]\ntransfer = '{\"color\": []}'",
+        "line 3, column 12",
+        &["color", "colour"],
+    ),
+    (
+        "mesh = {}\n[picture]\nmode = \"x-ray\"",
+        "line 3, column 8",
+        &["x-ray", "composite", "skin"],
+    ),
+    (
+        "mesh = {}\n[picture]\nwalk = \"slowly\"",
+        "line 3, column 8",
+        &["slowly", "vertices or planes"],
+    ),
+    (
+        "mesh = {}\n[picture]\nbackground = \"pink\"",
+        "line 3, column 14",
+        &["pink", "transparent"],
+    ),
+    (
+        "mesh = {}\n[picture]\nsize = [640]",
+        "line 3, column 8",
+        &["2"],
+    ),
+    (
+        "mesh = {}\n[picture]\nsize = [640, 480",
+        "line 3",
+        &["array"],
+    ),
+];
+
+#[test]
+fn what_is_wrong_is_said_with_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    for (content, place, words) in WRONG {
+        std::fs::write(&path, content).unwrap();
+        let said = Scene::read(&path).unwrap_err().to_string();
+        assert!(said.contains("scene.toml"), "{content}\n{said}");
+        // "line 1" is not "line 12".
+        let there = said
+            .match_indices(place)
+            .any(|(at, _)| !said[at + place.len()..].starts_with(|c: char| c.is_ascii_digit()));
+        assert!(there, "{place} is wanted\n{content}\n{said}");
+        for word in *words {
+            assert!(said.contains(word), "{word} is wanted\n{content}\n{said}");
+        }
+        for noise in ["Some(", "None", "Error {", "untagged"] {
+            assert!(!said.contains(noise), "{noise}: {said}");
+        }
+    }
+}
+
+#[test]
+fn regions_are_bounded_by_places_in_the_unit_of_the_mesh() {
+    let bar = generate::paper_bar().unwrap();
+    let nodes = |toml: &str| toml::from_str::<Region>(toml).unwrap().nodes(&bar);
+    let (low, high) = bar.bounds();
+    let middle = 0.5 * (low + high);
+    for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+        let below = nodes(&format!("{axis}_below = {}", middle[k])).unwrap();
+        let above = nodes(&format!("{axis}_above = {}", middle[k])).unwrap();
+        let at = |v: &u32| bar.nodes[*v as usize][k];
+        assert!(below.iter().all(|v| at(v) <= middle[k]));
+        assert!(above.iter().all(|v| at(v) >= middle[k]));
+        let both = (0..bar.nodes.len() as u32).filter(|v| at(v) == middle[k]);
+        assert_eq!(below.len() + above.len(), bar.nodes.len() + both.count());
+        // Half of the extent is the same place.
+        let part = nodes(&format!("axis = \"{axis}\"\nbelow = 0.5")).unwrap();
+        assert_eq!(part, below);
+    }
+    let corner = format!("x_below = {}\nz_above = {}", low.x, high.z);
+    assert!(nodes(&corner).unwrap().iter().all(|v| {
+        let p = bar.nodes[*v as usize];
+        p.x == low.x && p.z == high.z
+    }));
+    let said = nodes("axis = \"y\"\nabove = 0.5\nz_below = -0.6")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        said.contains("{ axis = \"y\", above = 0.5, z_below = -0.6 }"),
+        "{said}"
+    );
+    let said = nodes("label = \"hip\"\nbox = [[0, 0, 0], [1, 1, 1]]")
+        .unwrap_err()
+        .to_string();
+    assert!(said.contains("hip"), "{said}");
+    // Regions made in code are held to the same.
+    let made = Region {
+        axis: Some(palpate::scene::Axis::Z),
+        below: Some(-0.6),
+        ..Region::default()
+    };
+    assert!(
+        made.nodes(&bar)
+            .unwrap_err()
+            .to_string()
+            .contains("z_below")
+    );
+}
