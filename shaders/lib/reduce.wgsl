@@ -13,7 +13,7 @@ fn reduce(value: vec4<f32>, lane: u32) -> vec4<f32> {
         }
         workgroupBarrier();
     }
-    let total = sums[0];
-    workgroupBarrier();
-    return total;
+    // Uniform to the compiler too, which may then allow barriers behind a test of it; a barrier
+    // before and after.
+    return workgroupUniformLoad(&sums[0]);
 }

@@ -5,6 +5,7 @@
 override MODE: u32 = 0u;
 const COMPOSITE: u32 = 0u;
 const THICKNESS: u32 = 1u;
+// Tets passed, whether there were any, and how often the ray begins.
 const STATISTICS: u32 = 2u;
 
 // The table: 0 = slices of mean colour and mean extinction, 1 = the paper's volume of colour and
@@ -75,6 +76,11 @@ fn gather_in_front(sum: vec4<f32>, s0: f32, s1: f32, length: f32) -> vec4<f32> {
         return front + (1.0 - front.a) * sum;
     }
     return gather(sum, s0, s1, length);
+}
+
+// Counts a way through the mesh that begins: at a front face, or at an eye inside.
+fn begun(sum: vec4<f32>) -> vec4<f32> {
+    return select(sum, vec4(sum.r, 1.0, sum.b + 1.0, sum.a), MODE == STATISTICS);
 }
 
 fn is_opaque(sum: vec4<f32>) -> bool {

@@ -127,7 +127,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
                 next_z = min(z, params.near);
                 let near_s = scalar_at(t, ray, next_z);
                 sum = gather_in_front(sum, near_s, s, (z - next_z) * ray.scale);
-                return Walked(sum, true);
+                return Walked(begun(sum), true);
             }
         } else {
             let leave = select(vec3(1e30), heights / slants, slants > vec3(0.0));
@@ -197,9 +197,6 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
         sum = textureLoad(gathered, pixel, 0);
         starting = starting && !is_opaque(sum);
     }
-    if MODE == STATISTICS && starting {
-        sum.g = 1.0;
-    }
     let sight = sight_at(params, position.xy);
     let slope = sight.slope;
     let origin = sight.origin - vec2(params.right.w, params.up.w);
@@ -214,6 +211,9 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
         starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < ray.end);
     }
     if starting {
+        if !BACKWARDS {
+            sum = begun(sum);
+        }
         sum = walk_safely(start.y, ray, sum);
     }
     return sum;

@@ -136,7 +136,7 @@ fn walk(code: u32, sight: Sight, span: Span, before: vec4<f32>) -> Walked {
                 next_s = mix(s, next_s, clamp((z - params.near) / (z - next_z), 0.0, 1.0));
                 next_z = min(z, params.near);
                 sum = gather_in_front(sum, next_s, s, (z - next_z) * span.scale);
-                return Walked(sum, true);
+                return Walked(begun(sum), true);
             }
             sum = gather_in_front(sum, next_s, s, (z - next_z) * span.scale);
         } else {
@@ -193,9 +193,6 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
         sum = textureLoad(gathered, pixel, 0);
         starting = starting && !is_opaque(sum);
     }
-    if MODE == STATISTICS && starting {
-        sum.g = 1.0;
-    }
     let sight = sight_at(params, position.xy);
     var span: Span;
     let length = sqrt(1.0 + dot(sight.slope, sight.slope));
@@ -206,6 +203,9 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
         starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < span.end);
     }
     if starting {
+        if !BACKWARDS {
+            sum = begun(sum);
+        }
         sum = walk_safely(start.y, sight, span, sum);
     }
     return sum;

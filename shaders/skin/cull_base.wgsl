@@ -60,7 +60,7 @@ fn sides(q: vec3<f32>, reach: f32) -> u32 {
     let top = beyond((1.0 - view.clip.w) * w - y, vec3(0.0, -view.clip.y, (1.0 - view.clip.w) * view.depth.z), reach);
     let bottom = beyond((1.0 + view.clip.w) * w + y, vec3(0.0, view.clip.y, (1.0 + view.clip.w) * view.depth.z), reach);
     let behind = q.z + reach < view.near;
-    return u32(right) | u32(left) << 1u | u32(top) << 2u | u32(bottom) << 3u | u32(behind) << 4u;
+    return u32(right) | (u32(left) << 1u) | (u32(top) << 2u) | (u32(bottom) << 3u) | (u32(behind) << 4u);
 }
 
 @compute @workgroup_size(WORKGROUP)

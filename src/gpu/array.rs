@@ -143,25 +143,15 @@ impl Gpu {
         }
         let rows = (len + room).min(capacity as usize).div_ceil(ROW as usize);
         let rows = (rows as u32).max(1);
-        let texture = self.create(label, |device| {
-            device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width: ROW,
-                    height: rows,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: texel.format(),
-                usage: wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::STORAGE_BINDING
-                    | wgpu::TextureUsages::COPY_SRC
-                    | wgpu::TextureUsages::COPY_DST,
-                view_formats: &[],
-            })
-        })?;
+        let texture = self.texture(
+            label,
+            [ROW, rows, 1],
+            texel.format(),
+            wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::COPY_SRC
+                | wgpu::TextureUsages::COPY_DST,
+        )?;
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
         self.count_bytes(u64::from(ROW) * u64::from(rows) * u64::from(texel.bytes()));
         Ok(Array {
@@ -354,11 +344,18 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] when it exceeds the device's limits or memory.
     pub fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
-        self.count_bytes(bytes.max(4).next_multiple_of(4));
+        let most = self.device().limits().max_buffer_size;
+        if bytes > most {
+            return Err(Error::Gpu(format!(
+                "buffer \"{label}\" of {bytes} bytes exceeds the {most} this device can hold in one; use a smaller mesh"
+            )));
+        }
+        let size = bytes.max(4).next_multiple_of(4);
+        self.count_bytes(size);
         self.create(label, |device| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
-                size: bytes.max(4).next_multiple_of(4),
+                size,
                 usage: wgpu::BufferUsages::STORAGE
                     | wgpu::BufferUsages::INDIRECT
                     | wgpu::BufferUsages::VERTEX

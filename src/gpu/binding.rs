@@ -196,11 +196,25 @@ impl<'a> Sentence<'a> {
 
 impl Gpu {
     fn uniform(&self, label: &str, bytes: &[u8]) -> Result<wgpu::Buffer> {
+        self.small_buffer(label, bytes, wgpu::BufferUsages::UNIFORM)
+    }
+
+    /// A buffer to copy parameters from.
+    pub(super) fn parameters(&self, label: &str, bytes: &[u8]) -> Result<wgpu::Buffer> {
+        self.small_buffer(label, bytes, wgpu::BufferUsages::COPY_SRC)
+    }
+
+    fn small_buffer(
+        &self,
+        label: &str,
+        bytes: &[u8],
+        usage: wgpu::BufferUsages,
+    ) -> Result<wgpu::Buffer> {
         let buffer = self.create(label, |device| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size: bytes.len() as u64,
-                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                usage: usage | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             })
         })?;

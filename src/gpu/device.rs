@@ -88,9 +88,12 @@ impl Gpu {
         let trouble = gpu.inner.trouble.clone();
         gpu.device()
             .set_device_lost_callback(move |reason, message| {
-                if reason != wgpu::DeviceLostReason::Destroyed {
-                    note(&trouble, Trouble::Lost(message));
-                }
+                // Called for a device that is dropped, too, when nobody is left to look.
+                let why = match reason {
+                    wgpu::DeviceLostReason::Destroyed if message.is_empty() => "destroyed".into(),
+                    _ => message,
+                };
+                note(&trouble, Trouble::Lost(why));
             });
         let trouble = gpu.inner.trouble.clone();
         gpu.device()
@@ -194,11 +197,17 @@ impl Gpu {
             .map_err(|e| Error::DeviceLost(e.to_string()))
     }
 
-    /// Reports a lost device or refused work noticed since the last look.
+    /// Reports a lost device or refused work noticed since the last look. Of a caller's device
+    /// ([`Gpu::from_wgpu`]) only the caller's own callbacks know.
     ///
     /// # Errors
     /// [`Error::DeviceLost`] (and from then on always), or [`Error::Gpu`].
     pub fn check(&self) -> Result<()> {
+        if let Some(Trouble::Lost(why)) = &*lock(&self.inner.trouble) {
+            return Err(Error::DeviceLost(why.clone()));
+        }
+        // A destroyed device says so when it is polled; what it says is kept in `trouble`.
+        let _ = self.device().poll(wgpu::PollType::Poll);
         let mut trouble = lock(&self.inner.trouble);
         match trouble.clone() {
             None => Ok(()),

@@ -14,6 +14,7 @@ mod pass;
 mod readback;
 mod record;
 mod shader;
+mod texture;
 mod timing;
 
 pub use array::{Array, Positions, ROW, Texel};

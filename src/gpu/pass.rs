@@ -174,12 +174,16 @@ impl Pass {
         });
     }
 
-    /// Replaces the parameters, before the whole of the next submit.
-    pub fn set_params<P: GpuStruct>(&self, gpu: &Gpu, params: &P) {
-        if let Some(buffer) = &self.params {
-            debug_assert_eq!(buffer.size(), size_of::<P>() as u64);
-            gpu.queue()
-                .write_buffer(buffer, 0, bytemuck::bytes_of(params));
+    /// Replaces the parameters for what is recorded in `work` from here on. Nothing recorded
+    /// elsewhere, or before, sees them. Not inside of a render pass.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] for parameters of another size than it was prepared with, or when the
+    /// device cannot hold them.
+    pub fn set_params<P: GpuStruct>(&self, work: &mut Recorder, params: &P) -> Result<()> {
+        match &self.params {
+            Some(uniform) => work.write_uniform(uniform, params),
+            None => Ok(()),
         }
     }
 }

@@ -1,8 +1,9 @@
 //! Recording passes into an encoder, Palpate's own or the caller's.
 
+use super::layout::GpuStruct;
 use super::timing::Marks;
 use super::{Array, Gpu};
-use crate::Result;
+use crate::{Error, Result};
 
 /// An encoder being filled with passes.
 ///
@@ -13,6 +14,8 @@ pub struct Recorder<'e> {
     encoder: Encoder<'e>,
     open: Option<wgpu::ComputePass<'static>>,
     marks: Option<Marks>,
+    /// The parameters given last, and the buffer that holds them.
+    given: Option<(Vec<u8>, wgpu::Buffer)>,
 }
 
 enum Encoder<'e> {
@@ -31,6 +34,7 @@ impl Gpu {
             encoder: Encoder::Own(encoder),
             open: None,
             marks: self.timer().begin(self.device()),
+            given: None,
         }
     }
 }
@@ -43,6 +47,7 @@ impl<'e> Recorder<'e> {
             encoder: Encoder::Callers(encoder),
             open: None,
             marks: None,
+            given: None,
         }
     }
 
@@ -114,6 +119,36 @@ impl<'e> Recorder<'e> {
                 occlusion_query_set: None,
                 multiview_mask: None,
             })
+    }
+
+    /// Records that `params` replace the content of `uniform`, for what is recorded after it. They
+    /// belong to the recording: no other one changes them, whichever is submitted first.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when their sizes differ or the device refuses.
+    pub(super) fn write_uniform<P: GpuStruct>(
+        &mut self,
+        uniform: &wgpu::Buffer,
+        params: &P,
+    ) -> Result<()> {
+        let bytes = bytemuck::bytes_of(params);
+        if uniform.size() != bytes.len() as u64 {
+            return Err(Error::Gpu(format!(
+                "{} bytes of {} given for parameters of {} bytes",
+                bytes.len(),
+                P::NAME,
+                uniform.size()
+            )));
+        }
+        // The draws of one picture share their view.
+        let given = match self.given.take().filter(|(known, _)| known == bytes) {
+            Some(given) => given,
+            None => (bytes.to_vec(), self.gpu.parameters(P::NAME, bytes)?),
+        };
+        self.encoder()
+            .copy_buffer_to_buffer(&given.1, 0, uniform, 0, uniform.size());
+        self.given = Some(given);
+        Ok(())
     }
 
     /// Copies the whole of one array into another of the same kind and length.

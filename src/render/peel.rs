@@ -34,7 +34,8 @@ pub(super) struct Peel {
     depth: wgpu::TextureView,
     fresh_arguments: [wgpu::Buffer; 2],
     inside: wgpu::Buffer,
-    fresh_inside: wgpu::Buffer,
+    /// Of a picture, and of a report, which asks of every ray whether the eye is inside.
+    fresh_inside: [wgpu::Buffer; 2],
     /// Bound on the number of layers.
     pub layers: u32,
     corners: u32,
@@ -58,10 +59,13 @@ impl Peel {
     pub fn new(geometry: &Geometry, view: &View, size: [u32; 2], layers: u32) -> Result<Peel> {
         let gpu = &geometry.gpu;
         let corners = geometry.corners();
-        let texture = |format, extra| target(gpu, size, format, extra);
+        let texture = |format, extra| {
+            let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | extra;
+            gpu.target("peel target", size, format, usage)
+        };
         let bound = wgpu::TextureUsages::TEXTURE_BINDING;
-        let keys = [texture(KEY, bound), texture(KEY, bound)];
-        let sums = [texture(SUM, bound), texture(SUM, bound)];
+        let keys = [texture(KEY, bound)?, texture(KEY, bound)?];
+        let sums = [texture(SUM, bound)?, texture(SUM, bound)?];
         let [even, odd] = argument_records(corners, layers);
         let arguments = [
             gpu.buffer_of("even layers", &even)?,
@@ -73,7 +77,10 @@ impl Peel {
         ];
         let outside = [corners, 0, 0, 0, 3, 0, 0, 0];
         let inside = gpu.buffer_of("inside", &outside)?;
-        let fresh_inside = gpu.buffer_of("inside, fresh", &outside)?;
+        let fresh_inside = [
+            gpu.buffer_of("inside, fresh", &outside)?,
+            gpu.buffer_of("inside, always", &[corners, 1, 0, 0, 3, 1, 0, 0])?,
+        ];
         let start = |first: bool, back: bool, writes: usize| {
             gpu.draw("render/start")
                 .constant("FIRST", f64::from(u8::from(first)))
@@ -90,8 +97,8 @@ impl Peel {
         };
         Ok(Peel {
             size,
-            backs: texture(KEY, bound),
-            depth: texture(DEPTH, wgpu::TextureUsages::empty()),
+            backs: texture(KEY, bound)?,
+            depth: texture(DEPTH, wgpu::TextureUsages::empty())?,
             project: gpu
                 .pass("render/project")
                 .read(&geometry.positions)
@@ -119,21 +126,31 @@ impl Peel {
         })
     }
 
-    /// Records the search for the layers and their walks, from projection to the last sum.
-    pub fn record(&self, gpu: &Gpu, work: &mut Recorder, walks: &Walks, view: &View) {
-        self.project.set_params(gpu, view);
+    /// Records the search for the layers and their walks, from projection to the last sum. In a
+    /// `report` every ray is taken for one that may start at an eye inside the mesh.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`](crate::Error::Gpu) when the device cannot hold the view.
+    pub fn record(
+        &self,
+        work: &mut Recorder,
+        walks: &Walks,
+        view: &View,
+        report: bool,
+    ) -> Result<()> {
+        self.project.set_params(work, view)?;
         for draw in [&self.start_back, &self.start_first]
             .into_iter()
             .chain(&self.start_next)
             .chain([&walks.back])
             .chain(&walks.layers)
         {
-            draw.set_params(gpu, view);
+            draw.set_params(work, view)?;
         }
         let copies = [
             (&self.fresh_arguments[0], &self.arguments[0]),
             (&self.fresh_arguments[1], &self.arguments[1]),
-            (&self.fresh_inside, &self.inside),
+            (&self.fresh_inside[usize::from(report)], &self.inside),
         ];
         for (fresh, used) in copies {
             work.encoder()
@@ -181,6 +198,7 @@ impl Peel {
                 walks.layers[parity].record_indirect(&mut pass, &self.arguments[parity], offset);
             }
         }
+        Ok(())
     }
 
     /// How many layers found a face, in the last picture drawn; one more than the bound when some
@@ -245,29 +263,6 @@ fn argument_records(corners: u32, layers: u32) -> [Vec<u32>; 2] {
         records[layer as usize % 2].extend([corners, runs, first, 0, 3, runs, 0, 0]);
     }
     records
-}
-
-fn target(
-    gpu: &Gpu,
-    [width, height]: [u32; 2],
-    format: wgpu::TextureFormat,
-    extra: wgpu::TextureUsages,
-) -> wgpu::TextureView {
-    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-        label: Some("peel target"),
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | extra,
-        view_formats: &[],
-    });
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
 fn cleared(

@@ -1,11 +1,21 @@
 //! What a raycaster tells about itself, read back.
 
 use super::Camera;
-use super::raycast_options::{Gathered, RaycastReport};
+use super::peel::attachment;
+use super::raycast_options::{Gathered, RaycastReport, Target};
 use super::raycaster::Raycaster;
-use super::view::View;
+use super::tiles::{check_size, draw_in_tiles, put_tile};
+use super::view::{View, Window};
 use crate::Result;
-use crate::gpu::Texel;
+use crate::gpu::{Recorder, Texel};
+
+/// What the ways out of the mesh are counted in, 255ths, and how.
+const EXITS: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+const ADDED: wgpu::BlendComponent = wgpu::BlendComponent {
+    src_factor: wgpu::BlendFactor::One,
+    dst_factor: wgpu::BlendFactor::One,
+    operation: wgpu::BlendOperation::Add,
+};
 
 impl Raycaster {
     /// What the rays of a picture meet, at the present positions. Draws it once more, whole rays,
@@ -14,19 +24,83 @@ impl Raycaster {
     /// # Errors
     /// As [`Raycaster::image`].
     pub fn report(&mut self, camera: &Camera, size: [u32; 2]) -> Result<RaycastReport> {
-        self.gpu.queue().write_buffer(&self.lost, 0, &[0; 4]);
-        let (pixels, layers) = self.gather(camera, size, Gathered::Statistics)?;
-        let lost = self.gpu.read_buffer::<u32>(&self.lost)?;
+        check_size(size)?;
+        let gpu = self.gpu.clone();
+        gpu.queue().write_buffer(&self.lost, 0, &[0; 4]);
+        let mut layers = 0;
+        let mut exits: Vec<u8> = Vec::new();
+        let mut counter: Option<wgpu::TextureView> = None;
+        let pixels = draw_in_tiles(&gpu, size, |colour, window| {
+            let counter = match counter.take() {
+                Some(kept) => counter.insert(kept),
+                None => counter.insert(gpu.target(
+                    "exits",
+                    window.size,
+                    EXITS,
+                    wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+                )?),
+            };
+            let target = Target {
+                colour,
+                occluder: None,
+                background: Some([0.0; 4]),
+            };
+            let mut work = gpu.record();
+            self.record_window(&mut work, camera, Gathered::Statistics, &target, window)?;
+            self.record_exits(&mut work, camera, window, counter)?;
+            work.submit()?;
+            layers = layers.max(self.layers_found()?);
+            put_tile(&mut exits, window, &gpu.read_texture(counter.texture())?);
+            Ok(())
+        })?;
+        let lost = gpu.read_buffer::<u32>(&self.lost)?;
         self.check_layers(layers)?;
-        let rays = pixels.iter().filter(|p| p[1] > 0.0).count() as u64;
+        // What a ray counts: tets, whether it begins, how often it does.
+        let met = |(p, out): (&[f32; 4], &u8)| p[1] > 0.0 || *out > 0;
+        let uneven = |(p, out): (&[f32; 4], &u8)| p[2].min(255.0) as u8 != *out;
+        let both = || pixels.iter().zip(&exits);
+        let rays = both().filter(|b| met(*b)).count() as u64;
+        let missed = both().filter(|b| uneven(*b)).count() as u64;
         let steps: f64 = pixels.iter().map(|p| f64::from(p[0])).sum();
         Ok(RaycastReport {
             rays,
-            lost_rays: lost.first().copied().unwrap_or(0).into(),
+            lost_rays: u64::from(lost.first().copied().unwrap_or(0)) + missed,
             tets_per_ray: steps / (rays.max(1) as f64),
             peel_layers: layers,
             inverted: self.geometry.inverted()?,
         })
+    }
+
+    /// Records the count of the boundary faces that each ray leaves the mesh through, the nodes
+    /// being projected.
+    fn record_exits(
+        &self,
+        work: &mut Recorder,
+        camera: &Camera,
+        window: Window,
+        counter: &wgpu::TextureView,
+    ) -> Result<()> {
+        let view = self.view(camera, window);
+        let draw = self
+            .gpu
+            .draw("render/count_exits")
+            .constant("BACK", 1.0)
+            .read(&self.geometry.projected)
+            .read(&self.geometry.boundary)
+            .params(&view)
+            .target(
+                EXITS,
+                Some(wgpu::BlendState {
+                    color: ADDED,
+                    alpha: ADDED,
+                }),
+            )
+            .prepare()?;
+        let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
+        let colour = [attachment(counter, clear)];
+        let mut pass = work.render_pass("render/count_exits", &colour, None);
+        draw.record(&mut pass, view.corners, 1);
+        Ok(())
     }
 
     /// What the table gives for `segments` (scalar in front, scalar behind, length; file units):
@@ -65,8 +139,8 @@ impl Raycaster {
             .write(&found)
             .params(&view)
             .over(given.len())?;
+        self.table.fill(&self.gpu)?;
         let mut work = self.gpu.record();
-        self.table.record(&mut work);
         pass.record(&mut work);
         work.submit()?;
         self.gpu.read_array(&found)

@@ -82,16 +82,6 @@ impl Raycaster {
             min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
-        let nothing = gpu.device().create_texture(&wgpu::TextureDescriptor {
-            label: Some("nothing opaque"),
-            size: wgpu::Extent3d::default(),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Depth32Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        });
         Ok(Raycaster {
             gpu: gpu.clone(),
             geometry,
@@ -100,7 +90,12 @@ impl Raycaster {
             table,
             sampler,
             lost: gpu.buffer("lost rays", 4)?,
-            nothing_opaque: nothing.create_view(&wgpu::TextureViewDescriptor::default()),
+            nothing_opaque: gpu.target(
+                "nothing opaque",
+                [1, 1],
+                wgpu::TextureFormat::Depth32Float,
+                wgpu::TextureUsages::TEXTURE_BINDING,
+            )?,
             frame: None,
         })
     }
@@ -121,8 +116,8 @@ impl Raycaster {
             .resolved(self.geometry.range, self.geometry.frame.scale)
     }
 
-    /// Draws with another transfer function from now on; its table is built on the GPU, in the
-    /// next picture's recording.
+    /// Draws with another transfer function from now on; what is recorded already keeps the one
+    /// it was recorded with. The table is built on the GPU when the next picture is recorded.
     ///
     /// # Errors
     /// As [`Raycaster::new`].
@@ -170,7 +165,9 @@ impl Raycaster {
     }
 
     /// Records the drawing of a picture into `target`. Refreshes what the positions have changed
-    /// and builds the table first where needed; reads nothing back.
+    /// first where needed; reads nothing back. Any number of pictures, of several cameras, sizes
+    /// or transfer functions, can be recorded before they are submitted. The first one of a
+    /// transfer function submits the building of its table.
     ///
     /// # Errors
     /// [`Error::Input`] for a bad camera, [`Error::Gpu`] when the device refuses.
@@ -228,7 +225,7 @@ impl Raycaster {
     }
 
     /// All pixels of a picture, and the most layers that a tile needed.
-    pub(super) fn gather(
+    fn gather(
         &mut self,
         camera: &Camera,
         size: [u32; 2],
@@ -245,15 +242,21 @@ impl Raycaster {
             let mut work = gpu.record();
             self.record_window(&mut work, camera, gathered, &target, window)?;
             work.submit()?;
-            if let Some(frame) = &self.frame {
-                layers = layers.max(frame.peel.layers_found(&gpu)?);
-            }
+            layers = layers.max(self.layers_found()?);
             Ok(())
         })?;
         Ok((pixels, layers))
     }
 
-    fn record_window(
+    /// Layers that the last window recorded, and submitted, found.
+    pub(super) fn layers_found(&self) -> Result<u32> {
+        match &self.frame {
+            Some(frame) => frame.peel.layers_found(&self.gpu),
+            None => Ok(0),
+        }
+    }
+
+    pub(super) fn record_window(
         &mut self,
         work: &mut Recorder,
         camera: &Camera,
@@ -263,7 +266,7 @@ impl Raycaster {
     ) -> Result<()> {
         camera.check()?;
         let view = self.view(camera, window);
-        self.table.record(work);
+        self.table.fill(&self.gpu)?;
         if self.options.walk == Walk::Planes {
             self.geometry.record_refresh(work);
         }
@@ -305,7 +308,8 @@ impl Raycaster {
             frame.walks.insert(key, walks);
         }
         if let Some(walks) = frame.walks.get(&key) {
-            frame.peel.record(&self.gpu, work, walks, view);
+            let report = gathered == Gathered::Statistics;
+            frame.peel.record(work, walks, view, report)?;
         }
         self.resolve(work, frame, target)
     }
@@ -336,7 +340,7 @@ impl Raycaster {
             frame.resolves.insert(key, draw);
         }
         if let Some(draw) = frame.resolves.get(&key) {
-            draw.set_params(&self.gpu, &params);
+            draw.set_params(work, &params)?;
             let load = match target.background {
                 Some(_) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
                 None => wgpu::LoadOp::Load,
@@ -404,7 +408,7 @@ impl Raycaster {
         })
     }
 
-    fn view(&self, camera: &Camera, window: Window) -> View {
+    pub(super) fn view(&self, camera: &Camera, window: Window) -> View {
         let geometry = &self.geometry;
         View {
             scalar: self.table.scalar(),

@@ -167,7 +167,10 @@ impl Surface {
         let fine = size.map(|n| n.saturating_mul(SAMPLES));
         let mut depth: Option<wgpu::TextureView> = None;
         let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
-            let depth = depth.get_or_insert_with(|| depth_target(&gpu, window.size));
+            let depth = match depth.take() {
+                Some(kept) => depth.insert(kept),
+                None => depth.insert(depth_target(&gpu, window.size)?),
+            };
             let target = SurfaceTarget {
                 colour,
                 depth,
@@ -204,7 +207,7 @@ impl Surface {
         }
         self.refresh.record(work);
         if let Some(draw) = self.draws.get(&format) {
-            draw.set_params(&self.gpu, &view);
+            draw.set_params(work, &view)?;
             let colour_load = match target.background {
                 Some(c) => {
                     let [r, g, b, a] = c.map(f64::from);
@@ -304,22 +307,13 @@ fn colours(geometry: &Geometry, scalars: &[f64], colour: &SurfaceColour) -> Vec<
 }
 
 /// A target for depths of `size` pixels, which can also be read.
-pub(crate) fn depth_target(gpu: &Gpu, size: [u32; 2]) -> wgpu::TextureView {
-    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-        label: Some("surface depth"),
-        size: wgpu::Extent3d {
-            width: size[0],
-            height: size[1],
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: DEPTH,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-        view_formats: &[],
-    });
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
+pub(crate) fn depth_target(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::TextureView> {
+    gpu.target(
+        "surface depth",
+        size,
+        DEPTH,
+        wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+    )
 }
 
 /// Averages the samples of each pixel of a picture of `size`, `samples` each way.

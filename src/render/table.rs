@@ -8,7 +8,7 @@
 //! Depths are lengths times the largest extinction times log₂ e.
 
 use super::ResolvedTransfer;
-use crate::gpu::{Gpu, Pass, Recorder};
+use crate::gpu::{Gpu, Pass};
 use crate::{Error, Result};
 
 mod gpu_data {
@@ -145,8 +145,8 @@ pub(super) struct Table {
     pub reach: f32,
     /// Largest extinction per local unit, times log₂ e.
     pub opacity: f32,
+    /// What fills it; none once that is submitted.
     passes: Vec<Pass>,
-    filled: bool,
 }
 
 /// What a table is made for.
@@ -170,7 +170,7 @@ pub(super) struct Wanted<'a> {
 }
 
 impl Table {
-    /// Prepares the table's textures and passes; see [`Table::record`].
+    /// Prepares the table's textures and passes; see [`Table::fill`].
     pub fn new(gpu: &Gpu, wanted: &Wanted) -> Result<Table> {
         let pieces = Pieces::new(wanted.transfer, wanted.range);
         let opacity = pieces.max_extinction * wanted.scale * std::f64::consts::LOG2_E;
@@ -197,30 +197,22 @@ impl Table {
             TableForm::Samples(_) => 1,
             _ => size,
         };
-        let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-            label: Some("pre-integrated table"),
-            size: wgpu::Extent3d {
-                width: size,
-                height,
-                depth_or_array_layers: layers,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wanted.texel.format(),
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
+        let texture = gpu.texture(
+            "pre-integrated table",
+            [size, height, layers],
+            wanted.texel.format(),
+            wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::STORAGE_BINDING
                 | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        )?;
         let builder = Builder {
             gpu,
             size,
             height,
             texel: wanted.texel,
             texture: &texture,
-            limit: work_texture(gpu, [size, height], WORK),
-            halves: work_texture(gpu, [size, height], TableTexel::Half.format()),
+            limit: work_texture(gpu, [size, height], WORK)?,
+            halves: work_texture(gpu, [size, height], TableTexel::Half.format())?,
         };
         let mut passes = Vec::new();
         match wanted.form {
@@ -245,16 +237,20 @@ impl Table {
             reach,
             opacity: opacity as f32,
             passes,
-            filled: false,
         })
     }
 
-    /// Records the building of the table, once.
-    pub fn record(&mut self, work: &mut Recorder) {
-        if !self.filled {
-            self.passes.iter().for_each(|pass| pass.record(work));
-            self.filled = true;
+    /// Submits the building of the table, once: before all that reads it, whichever recording of
+    /// that is submitted, and in what order.
+    pub fn fill(&mut self, gpu: &Gpu) -> Result<()> {
+        if self.passes.is_empty() {
+            return Ok(());
         }
+        let mut work = gpu.record();
+        self.passes.iter().for_each(|pass| pass.record(&mut work));
+        work.submit()?;
+        self.passes.clear();
+        Ok(())
     }
 
     /// Table coordinate of a scalar s from 0 to 1: first · s + second, texel centres at the ends.
@@ -282,24 +278,15 @@ const WORK: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 fn work_texture(
     gpu: &Gpu,
-    [width, height]: [u32; 2],
+    size: [u32; 2],
     format: wgpu::TextureFormat,
-) -> wgpu::TextureView {
-    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-        label: Some("table work"),
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
+) -> Result<wgpu::TextureView> {
+    gpu.target(
+        "table work",
+        size,
         format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-        view_formats: &[],
-    });
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
+        wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+    )
 }
 
 struct Builder<'a> {
@@ -318,7 +305,7 @@ impl Builder<'_> {
         [self.size.div_ceil(8), self.height.div_ceil(8), 1]
     }
 
-    fn work(&self) -> wgpu::TextureView {
+    fn work(&self) -> Result<wgpu::TextureView> {
         work_texture(self.gpu, [self.size, self.height], WORK)
     }
 
@@ -368,7 +355,9 @@ impl Builder<'_> {
     /// Each slice from the one an octave before it.
     fn slices(&self, layers: u32, passes: &mut Vec<Pass>) -> Result<()> {
         let octave = 1 << OCTAVE_BITS;
-        let ring: Vec<_> = (0..2 * octave).map(|_| self.work()).collect();
+        let ring: Vec<_> = (0..2 * octave)
+            .map(|_| self.work())
+            .collect::<Result<_>>()?;
         for k in 0..layers as usize {
             let halves = match k.checked_sub(octave) {
                 Some(before) => &ring[before % ring.len()],
@@ -412,8 +401,8 @@ impl Builder<'_> {
 
     /// Each layer from a first slab and the layer before it.
     fn volume(&self, layers: u32, reach: f32, passes: &mut Vec<Pass>) -> Result<()> {
-        let slab = self.work();
-        let others = [self.work(), self.work()];
+        let slab = self.work()?;
+        let others = [self.work()?, self.work()?];
         for k in 0..layers {
             let [first, before, whole] = match k {
                 0 => [&self.limit, &self.limit, &others[0]],

@@ -19,44 +19,51 @@ pub(crate) fn draw_in_tiles(
 ) -> Result<Vec<[f32; 4]>> {
     check_size(size)?;
     let tile = size.map(|n| n.min(TILE));
-    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-        label: Some("picture"),
-        size: wgpu::Extent3d {
-            width: tile[0],
-            height: tile[1],
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba32Float,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    });
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    let mut pixels = vec![[0.0; 4]; size[0] as usize * size[1] as usize];
+    let count = size[0] as usize * size[1] as usize;
+    let mut pixels: Vec<[f32; 4]> = Vec::new();
+    pixels.try_reserve_exact(count).map_err(|_| {
+        Error::Input(format!(
+            "a picture of {} x {} pixels takes {:.1} GB, more memory than there is",
+            size[0],
+            size[1],
+            count as f64 * 16e-9
+        ))
+    })?;
+    let view = gpu.target(
+        "picture",
+        tile,
+        wgpu::TextureFormat::Rgba32Float,
+        wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+    )?;
     for y in (0..size[1]).step_by(tile[1] as usize) {
         for x in (0..size[0]).step_by(tile[0] as usize) {
-            draw(
-                &view,
-                Window {
-                    picture: size,
-                    corner: [x, y],
-                    size: tile,
-                },
-            )?;
-            let drawn: Vec<[f32; 4]> = gpu.read_texture(&texture)?;
-            // The last tiles of a row or column reach beyond the picture.
-            let width = tile[0].min(size[0] - x) as usize;
-            for (row, line) in drawn.chunks_exact(tile[0] as usize).enumerate() {
-                let to = (y as usize + row) * size[0] as usize + x as usize;
-                if let Some(to) = pixels.get_mut(to..to + width) {
-                    to.copy_from_slice(&line[..width]);
-                }
-            }
+            let window = Window {
+                picture: size,
+                corner: [x, y],
+                size: tile,
+            };
+            draw(&view, window)?;
+            put_tile(&mut pixels, window, &gpu.read_texture(view.texture())?);
         }
     }
     Ok(pixels)
+}
+
+/// Puts the pixels of `window` into its picture, which grows with the rows of tiles: no memory is
+/// touched long before it is drawn. The last tiles of a row or column reach beyond the picture.
+pub(super) fn put_tile<T: Copy + Default>(picture: &mut Vec<T>, window: Window, tile: &[T]) {
+    let [x, y] = window.corner;
+    let [columns, rows] = window.picture.map(|n| n as usize);
+    let below = (y + window.size[1]).min(window.picture[1]) as usize;
+    if picture.len() < below * columns {
+        picture.resize(below * columns, T::default());
+    }
+    let width = window.size[0].min(window.picture[0] - x) as usize;
+    let lines = tile.chunks_exact(window.size[0] as usize);
+    for (line, row) in lines.zip(y as usize..rows) {
+        let to = row * columns + x as usize;
+        picture[to..to + width].copy_from_slice(&line[..width]);
+    }
 }
 
 /// Refuses pictures without pixels or beyond all measure.

@@ -28,7 +28,7 @@ pub struct StageReport {
     pub passes: BTreeMap<String, f64>,
     /// Rays that meet the mesh.
     pub rays: u64,
-    /// Rays that ended neither at the boundary nor opaque.
+    /// Rays not followed to their end: see [`RaycastReport`](crate::render::RaycastReport).
     pub lost_rays: u64,
     /// Tets a ray passes, on average.
     pub tets_per_ray: f64,
@@ -151,7 +151,7 @@ impl Stage {
 
     /// Median wall time of a frame in which everything is redrawn, ms.
     fn time_frames(&mut self, frames: u32) -> Result<f64> {
-        let target = self.target();
+        let target = self.target()?;
         let gpu = self.gpu.clone();
         median_ms(frames, || {
             self.record_frame(&target)?;
@@ -161,7 +161,7 @@ impl Stage {
 
     /// GPU time of each pass of a frame and, where something moves, of a step; ms.
     fn time_passes(&mut self) -> Result<BTreeMap<String, f64>> {
-        let target = self.target();
+        let target = self.target()?;
         self.gpu.timings()?;
         self.gpu.time_passes(true);
         let done = self
@@ -179,22 +179,13 @@ impl Stage {
         median_ms(steps, || self.run(1, &mut |_| {})).map(Some)
     }
 
-    fn target(&self) -> wgpu::TextureView {
-        let texture = self.gpu.device().create_texture(&wgpu::TextureDescriptor {
-            label: Some("measured picture"),
-            size: wgpu::Extent3d {
-                width: self.size[0],
-                height: self.size[1],
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba8Unorm,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        });
-        texture.create_view(&wgpu::TextureViewDescriptor::default())
+    fn target(&self) -> Result<wgpu::TextureView> {
+        self.gpu.target(
+            "measured picture",
+            self.size,
+            wgpu::TextureFormat::Rgba8Unorm,
+            wgpu::TextureUsages::RENDER_ATTACHMENT,
+        )
     }
 
     /// Submits one frame, as if everything had moved since the last.

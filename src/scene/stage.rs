@@ -378,7 +378,7 @@ impl Stage {
             }
             Shown::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
             Shown::Surface => {
-                let depth = self.depth_for(colour);
+                let depth = self.depth_for(colour)?;
                 let target = SurfaceTarget {
                     colour,
                     depth: &depth,
@@ -390,26 +390,21 @@ impl Stage {
     }
 
     /// A depth attachment of the size of `colour`, kept for the next picture.
-    fn depth_for(&mut self, colour: &wgpu::TextureView) -> wgpu::TextureView {
-        let size = colour.texture().size();
+    fn depth_for(&mut self, colour: &wgpu::TextureView) -> Result<wgpu::TextureView> {
+        let texture = colour.texture();
         if let Some(depth) = &self.depth
-            && depth.texture().size() == size
+            && depth.texture().size() == texture.size()
         {
-            return depth.clone();
+            return Ok(depth.clone());
         }
-        let texture = self.gpu.device().create_texture(&wgpu::TextureDescriptor {
-            label: Some("depth"),
-            size,
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Depth32Float,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        });
-        let depth = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let depth = self.gpu.target(
+            "depth",
+            [texture.width(), texture.height()],
+            wgpu::TextureFormat::Depth32Float,
+            wgpu::TextureUsages::RENDER_ATTACHMENT,
+        )?;
         self.depth = Some(depth.clone());
-        depth
+        Ok(depth)
     }
 
     /// Draws the picture and saves it, with the scene's background and bit depth.

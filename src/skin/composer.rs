@@ -223,27 +223,18 @@ impl Targets {
                 DEPTH => wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST,
                 _ => wgpu::TextureUsages::empty(),
             };
-            let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-                label: Some("layers of skin"),
-                size: wgpu::Extent3d {
-                    width: size[0],
-                    height: size[1],
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
+            gpu.target(
+                "layers of skin",
+                size,
                 format,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                wgpu::TextureUsages::RENDER_ATTACHMENT
                     | wgpu::TextureUsages::TEXTURE_BINDING
                     | copied,
-                view_formats: &[],
-            });
-            texture.create_view(&wgpu::TextureViewDescriptor::default())
+            )
         };
-        let layer = texture(SUM);
-        let volumes = [texture(SUM), texture(SUM)];
-        let sums = [texture(SUM), texture(SUM)];
+        let layer = texture(SUM)?;
+        let volumes = [texture(SUM)?, texture(SUM)?];
+        let sums = [texture(SUM)?, texture(SUM)?];
         let blend = |now: usize| {
             let before = 1 - now;
             gpu.draw("skin/blend")
@@ -259,9 +250,9 @@ impl Targets {
         };
         Ok(Targets {
             size,
-            opaque: texture(SUM),
-            opaque_depth: texture(DEPTH),
-            depths: [texture(DEPTH), texture(DEPTH)],
+            opaque: texture(SUM)?,
+            opaque_depth: texture(DEPTH)?,
+            depths: [texture(DEPTH)?, texture(DEPTH)?],
             blends: [blend(0)?, blend(1)?],
             layer,
             volumes,

@@ -132,28 +132,29 @@ impl Cull {
 
     /// Records the choice for a `view`, the nodes' normals being made. `closed`: whether what
     /// faces away is hidden.
-    pub fn record(&self, gpu: &Gpu, work: &mut Recorder, view: View, closed: bool) {
+    pub fn record(&self, work: &mut Recorder, view: View, closed: bool) -> Result<()> {
         self.base.set_params(
-            gpu,
+            work,
             &gpu_data::CullBase {
                 view,
                 triangles: self.base_count,
                 _pad: [0; 3],
             },
-        );
+        )?;
         self.marks.set_params(
-            gpu,
+            work,
             &gpu_data::Cull {
                 triangles: self.triangles,
                 closed: u32::from(closed),
             },
-        );
+        )?;
         let (fresh, used) = (&self.fresh, &self.arguments);
         work.encoder()
             .copy_buffer_to_buffer(fresh, 0, used, 0, fresh.size());
         for pass in [&self.base, &self.marks, &self.scan, &self.list] {
             pass.record(work);
         }
+        Ok(())
     }
 
     /// The triangles that were drawn last. Reads back.
@@ -215,7 +216,7 @@ impl Skin {
                 Cull::new(&self.gpu, carrier, bound, &shown, &self.indices)?
             }
         };
-        cull.record(&self.gpu, work, view, self.is_closed());
+        cull.record(work, view, self.is_closed())?;
         self.cull = Some(cull);
         Ok(())
     }

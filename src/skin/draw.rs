@@ -178,19 +178,8 @@ impl Skin {
         };
         let indices = vertices.triangles.as_flattened();
         let [r, g, b] = FLESH;
-        let texture = |format, label| {
-            let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d::default(),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            });
-            texture.create_view(&wgpu::TextureViewDescriptor::default())
-        };
+        let nothing =
+            |format, label| gpu.target(label, [1, 1], format, wgpu::TextureUsages::TEXTURE_BINDING);
         Ok(Skin {
             gpu: gpu.clone(),
             carrier: carrier.clone(),
@@ -216,8 +205,8 @@ impl Skin {
             opacity: 1.0,
             normal_map: None,
             height_map: None,
-            no_map: texture(wgpu::TextureFormat::Rgba8Unorm, "no map"),
-            no_depth: texture(DEPTH, "no depths"),
+            no_map: nothing(wgpu::TextureFormat::Rgba8Unorm, "no map")?,
+            no_depth: nothing(DEPTH, "no depths")?,
             sampler: gpu.device().create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("maps of skins"),
                 address_mode_u: wgpu::AddressMode::Repeat,
@@ -261,7 +250,8 @@ impl Skin {
     /// on; for holes that open while running.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of them.
+    /// [`Error::Input`] for a wrong number of them; [`Error::Gpu`] when the device cannot hold
+    /// their list.
     pub fn show_triangles(&mut self, shown: &[bool]) -> Result<()> {
         if shown.len() != self.vertices.triangles.len() {
             return Err(Error::Input(format!(
@@ -275,8 +265,8 @@ impl Skin {
         self.corners = kept.len() as u32;
         self.cull = None;
         if !kept.is_empty() {
-            let bytes = bytemuck::cast_slice(&kept);
-            self.gpu.queue().write_buffer(&self.indices, 0, bytes);
+            // A new list: pictures recorded but not submitted keep theirs.
+            self.indices = self.gpu.buffer_of("skin triangles", &kept)?;
         }
         Ok(())
     }
@@ -314,7 +304,10 @@ impl Skin {
         let fine = size.map(|n| n.saturating_mul(SAMPLES));
         let mut depth: Option<wgpu::TextureView> = None;
         let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
-            let depth = depth.get_or_insert_with(|| depth_target(&gpu, window.size));
+            let depth = match depth.take() {
+                Some(kept) => depth.insert(kept),
+                None => depth.insert(depth_target(&gpu, window.size)?),
+            };
             let target = SurfaceTarget {
                 colour,
                 depth,
@@ -366,7 +359,7 @@ impl Skin {
         let Some(draw) = self.draws.get(&variant) else {
             return Ok(());
         };
-        draw.set_params(&self.gpu, &params);
+        draw.set_params(work, &params)?;
         let cull = self.cull.as_ref();
         let colour_load = match target.background {
             Some(c) => {

@@ -2,6 +2,7 @@
 
 use super::draw::Skin;
 use super::map::Map;
+use crate::gpu::Texel;
 use crate::mesh::{Field, Location};
 use crate::render::TransferFunction;
 use crate::{Error, Result};
@@ -47,7 +48,10 @@ impl Skin {
                 self.vertices.sources.iter().map(of).collect()
             }
         };
-        self.gpu.write_array(&self.colours, &colours)
+        // New ones: pictures recorded but not submitted keep theirs.
+        self.colours = self.gpu.array_of("skin colours", Texel::F32x4, &colours)?;
+        self.draws.clear();
+        Ok(())
     }
 
     fn scalar(&self, name: &str) -> Result<&[f64]> {

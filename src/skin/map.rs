@@ -82,33 +82,23 @@ impl Map {
     /// The map as a texture.
     pub(super) fn upload(&self, gpu: &Gpu) -> Result<wgpu::TextureView> {
         self.check()?;
-        let [width, height] = self.size;
-        let size = wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        };
-        let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-            label: Some("map of a skin"),
-            size,
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba8Unorm,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
+        let view = gpu.target(
+            "map of a skin",
+            self.size,
+            wgpu::TextureFormat::Rgba8Unorm,
+            wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        )?;
         gpu.queue().write_texture(
-            texture.as_image_copy(),
+            view.texture().as_image_copy(),
             self.texels.as_flattened(),
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
-                bytes_per_row: Some(4 * width),
+                bytes_per_row: Some(4 * self.size[0]),
                 rows_per_image: None,
             },
-            size,
+            view.texture().size(),
         );
         gpu.check()?;
-        Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
+        Ok(view)
     }
 }

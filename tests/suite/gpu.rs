@@ -222,3 +222,88 @@ fn single_items_are_put_where_they_belong() {
     let vectors = gpu.array("d", Texel::F32x4, 8).unwrap();
     assert!(gpu.put(&vectors, &[0], &[[0.0f32; 4]]).is_err());
 }
+
+#[test]
+fn a_destroyed_device_says_so_in_every_call_after() {
+    let lost = |what: &str, result: palpate::Result<()>| {
+        assert!(
+            matches!(&result, Err(Error::DeviceLost(_))),
+            "{what}: {result:?}"
+        );
+    };
+    let gpu = Gpu::new().unwrap();
+    let a = gpu.array_of("a", Texel::F32x4, &[[1.0f32; 4]; 3]).unwrap();
+    let b = gpu.array("b", Texel::F32x4, 3).unwrap();
+    let p = Scale {
+        items: 3,
+        factor: 5.0,
+    };
+    let sentence = || gpu.pass("gpu/scale").read(&a).write(&b).params(&p).over(3);
+    let pass = sentence().unwrap();
+    gpu.wait().unwrap();
+    // Another device, dropped, is no loss to this one.
+    drop(Gpu::new().unwrap());
+    gpu.check().unwrap();
+    gpu.device().destroy();
+    lost("check", gpu.check());
+    lost("wait", gpu.wait());
+    lost("array", gpu.array("c", Texel::F32, 3).map(|_| ()));
+    lost("buffer", gpu.buffer("c", 8).map(|_| ()));
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING;
+    let format = wgpu::TextureFormat::Rgba8Unorm;
+    lost(
+        "texture",
+        gpu.target("c", [8, 8], format, usage).map(|_| ()),
+    );
+    lost("pass", sentence().map(|_| ()));
+    lost("read", gpu.read_array::<[f32; 4]>(&b).map(|_| ()));
+    let mut work = gpu.record();
+    lost("params", pass.set_params(&mut work, &p));
+    pass.record(&mut work);
+    lost("submit", work.submit());
+    lost("clone", gpu.clone().check());
+}
+
+#[test]
+fn parameters_belong_to_the_recording() {
+    let gpu = Gpu::new().unwrap();
+    let a = gpu.array_of("a", Texel::F32x4, &[[1.0f32; 4]; 3]).unwrap();
+    let b: Vec<_> = (0..3)
+        .map(|_| gpu.array("b", Texel::F32x4, 3).unwrap())
+        .collect();
+    let scale = |factor| Scale { items: 3, factor };
+    let pass = gpu
+        .pass("gpu/scale")
+        .read(&a)
+        .write(&b[0])
+        .params(&scale(1.0))
+        .over(3)
+        .unwrap();
+    let mut work = gpu.record();
+    for (i, factor) in [2.0, 3.0, 2.0].into_iter().enumerate() {
+        pass.set_params(&mut work, &scale(factor)).unwrap();
+        pass.record(&mut work);
+        if i > 0 {
+            work.copy_array(&b[0], &b[i]);
+        }
+    }
+    // Another recording, submitted before.
+    let mut other = gpu.record();
+    pass.set_params(&mut other, &scale(9.0)).unwrap();
+    pass.record(&mut other);
+    other.submit().unwrap();
+    assert_eq!(gpu.read_array::<[f32; 4]>(&b[0]).unwrap(), [[9.0; 4]; 3]);
+    work.submit().unwrap();
+    assert_eq!(gpu.read_array::<[f32; 4]>(&b[1]).unwrap(), [[3.0; 4]; 3]);
+    assert_eq!(gpu.read_array::<[f32; 4]>(&b[2]).unwrap(), [[2.0; 4]; 3]);
+    mod wide {
+        palpate::gpu_struct! { pub struct Scale { pub items: u32, pub factor: f32, pub more: [u32; 2] } }
+    }
+    let wide = wide::Scale {
+        items: 3,
+        factor: 1.0,
+        more: [0; 2],
+    };
+    let error = pass.set_params(&mut gpu.record(), &wide).unwrap_err();
+    assert!(error.to_string().contains("16 bytes"), "{error}");
+}

@@ -283,24 +283,15 @@ pub(super) fn frame_ms(
     gpu: &Gpu,
     caster: &mut Raycaster,
     camera: &Camera,
-    [width, height]: [u32; 2],
+    size: [u32; 2],
     frames: u32,
 ) -> Result<f64> {
-    let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
-        label: Some("measured picture"),
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8Unorm,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    });
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+    let view = gpu.target(
+        "measured picture",
+        size,
+        wgpu::TextureFormat::Rgba8Unorm,
+        wgpu::TextureUsages::RENDER_ATTACHMENT,
+    )?;
     let target = Target {
         colour: &view,
         occluder: None,

@@ -8,4 +8,5 @@ mod levels;
 mod mapping;
 mod picks;
 mod pictures;
+mod recording;
 mod twin;

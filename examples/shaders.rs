@@ -1,0 +1,85 @@
+//! Writes every composed shader as JSON, with what a pipeline of it needs: entry points, formats
+//! of its targets, and the values of its override constants that are worth a try. `scripts/tint`
+//! hands them to a browser.
+//!
+//!     cargo run --example shaders > shaders.json
+
+use palpate::gpu::{compose, parse, shader_names};
+use serde_json::{Value, json};
+use wgpu::naga::{Binding, BuiltIn, Module, ScalarKind, ShaderStage, TypeInner};
+
+fn main() -> palpate::Result<()> {
+    let shaders = shader_names()
+        .map(|name| {
+            let module = parse(name)?;
+            Ok(json!({
+                "name": name,
+                "source": compose(name)?,
+                "compute": module.entry_points.iter().any(|e| e.stage == ShaderStage::Compute),
+                "targets": targets(&module),
+                "depth": writes_depth(&module),
+                "overrides": overrides(&module),
+            }))
+        })
+        .collect::<palpate::Result<Vec<Value>>>()?;
+    println!("{}", Value::from(shaders));
+    Ok(())
+}
+
+/// The bindings and types that the fragment stage gives out.
+fn outputs(module: &Module) -> Vec<(Binding, &TypeInner)> {
+    let fragment = |e: &&wgpu::naga::EntryPoint| e.stage == ShaderStage::Fragment;
+    let result = module
+        .entry_points
+        .iter()
+        .find(fragment)
+        .and_then(|e| e.function.result.as_ref());
+    let Some(result) = result else {
+        return Vec::new();
+    };
+    let inner = &module.types[result.ty].inner;
+    match (&result.binding, inner) {
+        (Some(binding), inner) => vec![(binding.clone(), inner)],
+        (None, TypeInner::Struct { members, .. }) => members
+            .iter()
+            .filter_map(|m| Some((m.binding.clone()?, &module.types[m.ty].inner)))
+            .collect(),
+        (None, _) => Vec::new(),
+    }
+}
+
+fn targets(module: &Module) -> Vec<&'static str> {
+    let format = |inner: &TypeInner| match (inner.scalar_kind(), inner.components()) {
+        (Some(ScalarKind::Uint), Some(4)) => "rgba32uint",
+        (Some(ScalarKind::Uint), Some(2)) => "rg32uint",
+        (Some(ScalarKind::Uint), _) => "r32uint",
+        _ => "rgba16float",
+    };
+    outputs(module)
+        .iter()
+        .filter(|(binding, _)| matches!(binding, Binding::Location { .. }))
+        .map(|(_, inner)| format(inner))
+        .collect()
+}
+
+/// Whether the fragment stage writes depths, or nothing but those of its triangles.
+fn writes_depth(module: &Module) -> bool {
+    let depth = |b: &Binding| matches!(b, Binding::BuiltIn(BuiltIn::FragDepth));
+    targets(module).is_empty() || outputs(module).iter().any(|(b, _)| depth(b))
+}
+
+/// Each override constant with the values that it is tried with, one constant at a time: both of
+/// a flag, the first numbers of a choice.
+fn overrides(module: &Module) -> Vec<Value> {
+    let values = |inner: &TypeInner| match inner.scalar_kind() {
+        Some(ScalarKind::Bool) => vec![0, 1],
+        Some(ScalarKind::Uint) => vec![1, 2],
+        _ => vec![1],
+    };
+    module
+        .overrides
+        .iter()
+        .filter(|(_, o)| o.name.as_deref() != Some("WORKGROUP"))
+        .map(|(_, o)| json!({ "name": o.name, "values": values(&module.types[o.ty].inner) }))
+        .collect()
+}

@@ -1,0 +1,175 @@
+// Boundary faces drawn so that every ray that meets one gets a fragment of it; the fragment then
+// decides by the walk's own sign tests. Needs `projected`, `boundary` and `params: View` of the
+// shader that imports it, and lib/array, lib/view, lib/tet, lib/sight.
+
+// Faces that show their back, instead of those that show their front.
+override BACK: bool = false;
+
+// By how much the edges of faces are moved out, in pixels.
+//
+// A rasteriser moves corners onto a grid before it decides what they cover. Vulkan guarantees 16
+// steps a pixel (subPixelPrecisionBits of 4) and does not say whether it rounds or truncates, so
+// a corner moves by at most d = √2/16 = 0.0884 pixels. That suffices: let K be the face, T what is
+// drawn and T' what T becomes. A convex set holds another where its support function is in no
+// direction less. Each corner moves by at most d, so h_T' >= h_T - d; T holds all within the margin
+// of K, so h_T >= h_K + margin. With margin >= d, T' holds K, and with it the middle of each pixel
+// that K covers. What is left of an eighth is for rays that pass beside the middle (ASIDE in
+// render/view.rs, 0.003), and for rounding in 32 bits (under 0.02 below FAR).
+const MARGIN: f32 = 0.125;
+// How far a corner may move with its edges, in pixels.
+const MOST_MARGIN: f32 = 4.0;
+// Corners farther than this from the middle of the picture, in pixels, are rounded too coarsely.
+const FAR: f32 = 16384.0;
+// Corners nearer to the plane of the eye than this, in local units, count as behind it; nothing
+// as near is seen (NEAR in render/view.rs is ten times as much).
+const AT_EYE: f32 = 1e-6;
+// A face this much turned away, in pixels for each pixel of its sides, cannot pass the sign tests.
+const TURNED: f32 = 0.02;
+
+struct Face {
+    // Nodes in the order in which they are counter-clockwise as seen, and 4 tet + face.
+    ids: vec4<u32>,
+    // The nodes in camera space.
+    nodes: array<vec3<f32>, 3>,
+    // The corners of the triangle to draw, in clip space of w 1.
+    corners: array<vec2<f32>, 3>,
+}
+
+// Boundary face `index` with the triangle that covers it.
+fn face_of(index: u32) -> Face {
+    var ids = textureLoad(boundary, at(index), 0);
+    if BACK {
+        // Counter-clockwise as seen from inside.
+        ids = ids.xzyw;
+    }
+    let q = array(
+        textureLoad(projected, at(ids.x), 0).xyz,
+        textureLoad(projected, at(ids.y), 0).xyz,
+        textureLoad(projected, at(ids.z), 0).xyz,
+    );
+    let drawn = covering(array(to_clip(params, q[0]), to_clip(params, q[1]), to_clip(params, q[2])));
+    return Face(ids, q, array(drawn[0] * params.pixel, drawn[1] * params.pixel, drawn[2] * params.pixel));
+}
+
+// A triangle, in pixels from the middle of the picture, that holds all within the margin of the
+// part in the picture of the triangle with corners p in clip space.
+fn covering(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
+    if min(p[0].w, min(p[1].w, p[2].w)) <= AT_EYE {
+        return part_in_sight(p);
+    }
+    let s = array(in_pixels(p[0]), in_pixels(p[1]), in_pixels(p[2]));
+    let reach = max(abs(s[0]), max(abs(s[1]), abs(s[2])));
+    if !(max(reach.x, reach.y) < FAR) {
+        return part_in_sight(p);
+    }
+    let u = s[1] - s[0];
+    let v = s[2] - s[0];
+    let area = u.x * v.y - u.y * v.x;
+    if area < -TURNED * (abs(u.x) + abs(u.y) + abs(v.x) + abs(v.y)) {
+        return nothing();
+    }
+    return enlarged(s, area);
+}
+
+// A point of clip space in pixels.
+fn in_pixels(p: vec4<f32>) -> vec2<f32> {
+    return p.xy / (p.w * params.pixel);
+}
+
+fn nothing() -> array<vec2<f32>, 3> {
+    let outside = vec2(4.0) / params.pixel;
+    return array(outside, outside, outside);
+}
+
+// Half a box of twice the size of that at `corner` with sides along `along` and across it.
+fn half_box(corner: vec2<f32>, along: vec2<f32>, size: vec2<f32>) -> array<vec2<f32>, 3> {
+    let across = vec2(-along.y, along.x);
+    return array(corner, corner + 2.0 * size.x * along, corner + 2.0 * size.y * across);
+}
+
+// The same for a triangle not far outside the picture. Where a corner is so sharp that it would
+// move far, or the triangle is flat, a box about it is held: too much is drawn, and the sign tests
+// sort it out.
+fn enlarged(s: array<vec2<f32>, 3>, area: f32) -> array<vec2<f32>, 3> {
+    // Outward normals of the edges from corner k to the next.
+    let n = array(outward(s[0], s[1]), outward(s[1], s[2]), outward(s[2], s[0]));
+    // A corner moves by the margin times √(2 / open).
+    let open = vec3(1.0 + dot(n[2], n[0]), 1.0 + dot(n[0], n[1]), 1.0 + dot(n[1], n[2]));
+    let least = 2.0 * (MARGIN / MOST_MARGIN) * (MARGIN / MOST_MARGIN);
+    if area > 0.0 && min(open.x, min(open.y, open.z)) > least {
+        return array(
+            s[0] + (n[2] + n[0]) * (MARGIN / open.x),
+            s[1] + (n[0] + n[1]) * (MARGIN / open.y),
+            s[2] + (n[1] + n[2]) * (MARGIN / open.z),
+        );
+    }
+    var longest = s[1] - s[0];
+    for (var k = 1u; k < 3u; k++) {
+        let edge = s[(k + 1u) % 3u] - s[k];
+        if dot(edge, edge) > dot(longest, longest) {
+            longest = edge;
+        }
+    }
+    let along = select(vec2(1.0, 0.0), longest * inverseSqrt(dot(longest, longest)), dot(longest, longest) > 1e-20);
+    let across = vec2(-along.y, along.x);
+    let u = vec3(0.0, dot(s[1] - s[0], along), dot(s[2] - s[0], along));
+    let v = vec3(0.0, dot(s[1] - s[0], across), dot(s[2] - s[0], across));
+    let low = vec2(min(u.x, min(u.y, u.z)), min(v.x, min(v.y, v.z))) - MARGIN;
+    let high = vec2(max(u.x, max(u.y, u.z)), max(v.x, max(v.y, v.z))) + MARGIN;
+    return half_box(s[0] + low.x * along + low.y * across, along, high - low);
+}
+
+fn outward(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
+    let edge = b - a;
+    return vec2(edge.y, -edge.x) * inverseSqrt(max(dot(edge, edge), 1e-20));
+}
+
+// Of a triangle that reaches far outside the picture or behind the eye: a box, in the picture,
+// about what may be seen of it.
+fn part_in_sight(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
+    // A pixel more than the picture, each way from its middle.
+    let edge = 1.0 / params.pixel + 1.0;
+    var low = edge;
+    var high = -edge;
+    for (var k = 0u; k < 3u; k++) {
+        let a = p[k];
+        let b = p[(k + 1u) % 3u];
+        if a.w > AT_EYE {
+            let s = in_pixels(a);
+            low = min(low, s - 1.0);
+            high = max(high, s + 1.0);
+        }
+        if (a.w > AT_EYE) != (b.w > AT_EYE) {
+            // Where this side meets the plane of the eye it lies outside the picture, unless it
+            // does so right before the eye.
+            let x = mix(a.xy, b.xy, (a.w - AT_EYE) / (a.w - b.w));
+            let slack = AT_EYE + 1e-6 * (abs(a.xy) + abs(b.xy));
+            low = select(low, -edge, x < slack);
+            high = select(high, edge, x > -slack);
+        }
+    }
+    low = max(low, -edge);
+    high = min(high, edge);
+    if low.x >= high.x || low.y >= high.y {
+        return nothing();
+    }
+    return half_box(low, vec2(1.0, 0.0), high - low);
+}
+
+// Where a ray meets a face.
+struct Hit {
+    z: f32,
+    // Whether it does, in front of the eye and on the side that is drawn.
+    found: bool,
+}
+
+fn hit(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, ids: vec4<u32>, sight: Sight) -> Hit {
+    let p = off_ray(a, sight);
+    let q = off_ray(b, sight);
+    let r = off_ray(c, sight);
+    let w = vec3(cross2(q, r), cross2(r, p), cross2(p, q));
+    let sum = w.x + w.y + w.z;
+    let inner = inside(w.x, ids.y, ids.z) && inside(w.y, ids.z, ids.x) && inside(w.z, ids.x, ids.y);
+    let z = dot(w, vec3(a.z, b.z, c.z)) / sum;
+    return Hit(z, inner && sum > 0.0 && z >= params.near);
+}

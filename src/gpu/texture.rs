@@ -1,0 +1,52 @@
+//! Textures that are no arrays: targets of draws, tables, maps.
+
+use super::Gpu;
+use crate::Result;
+
+impl Gpu {
+    /// A texture of `size` texels (width, height, layers), without smaller levels.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`](crate::Error::Gpu) when it exceeds the device's limits or memory;
+    /// [`Error::DeviceLost`](crate::Error::DeviceLost).
+    pub fn texture(
+        &self,
+        label: &str,
+        [width, height, layers]: [u32; 3],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> Result<wgpu::Texture> {
+        self.create(label, |device| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d {
+                    width,
+                    height,
+                    depth_or_array_layers: layers,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage,
+                view_formats: &[],
+            })
+        })
+    }
+
+    /// The whole of a new texture of one layer, as a view; its texture is the view's
+    /// [`texture`](wgpu::TextureView::texture).
+    ///
+    /// # Errors
+    /// As [`Gpu::texture`].
+    pub fn target(
+        &self,
+        label: &str,
+        [width, height]: [u32; 2],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> Result<wgpu::TextureView> {
+        let texture = self.texture(label, [width, height, 1], format, usage)?;
+        Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
+    }
+}
