@@ -12,7 +12,7 @@ use palpate::mesh::{TetMesh, Topology, TriMesh, depth_field};
 use palpate::volume::Volume;
 use std::path::PathBuf;
 
-/// Edges of the bones of the foot, m: as fine as keeps their file below 300 KB.
+/// Edges of the bones of the foot, m: as fine as keeps their file below 400 KB.
 const FOOT_SPACING: f64 = 0.003;
 
 /// The mesh with a field to colour it by.

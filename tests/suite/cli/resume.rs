@@ -182,6 +182,7 @@ fn goes_on(name: &str, content: &str) {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn every_solver_goes_on_where_it_was() {
     for name in [
         "explicit",
@@ -217,6 +218,7 @@ fn caged_bodies_go_on_where_they_were() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_body_cut_under_a_skin_goes_on_where_it_was() {
     let here = folder("resume_skin_source");
     let surface = here.join("skin.ply");

@@ -57,6 +57,6 @@ fn the_volumes_and_surfaces_that_ship_are_up_to_date() {
         assert_eq!(kept.triangles.len(), made.triangles.len(), "{name}");
         assert!((kept.volume() / made.volume() - 1.0).abs() < 1e-5, "{name}");
         let bytes = std::fs::metadata(format!("{}/data/{name}", env!("CARGO_MANIFEST_DIR")));
-        assert!(name != "foot_bones.ply" || bytes.unwrap().len() < 300_000);
+        assert!(name != "foot_bones.ply" || bytes.unwrap().len() < 400_000);
     }
 }
