@@ -115,8 +115,9 @@ pub struct RaycastReport {
     pub rays: u64,
     /// Rays not followed to their end; none, unless tets are inverted. Known are walks that end
     /// neither at the boundary nor opaque, and rays that enter the mesh (or begin in it) more or
-    /// less often than they leave it: one that should have started and did not. Not known is a
-    /// ray for which the rasteriser missed as many ways in as ways out.
+    /// less often than they leave it: one that should have started and did not; a ray of both
+    /// kinds counts twice. Not known is a ray for which the rasteriser missed as many ways in as
+    /// ways out.
     pub lost_rays: u64,
     /// Tets that a ray passes, on average.
     pub tets_per_ray: f64,
