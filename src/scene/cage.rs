@@ -13,6 +13,9 @@ use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
 
+/// An end that was chosen to be held, and the number of the body's pieces.
+type Chosen = (HeldEnd, usize);
+
 /// Nodes where nothing is said.
 const NODES: usize = 2000;
 
@@ -192,7 +195,7 @@ impl Scene {
         &self,
         mesh: &TetMesh,
         fine: &SpringNetwork,
-    ) -> Result<(Vec<Vec<u32>>, Option<(HeldEnd, usize)>)> {
+    ) -> Result<(Vec<Vec<u32>>, Option<Chosen>)> {
         if !self.pin.is_empty() {
             let held = self.pin.iter().map(|region| region.nodes(mesh));
             return Ok((held.collect::<Result<_>>()?, None));

@@ -78,7 +78,7 @@ fn carved(cells: [usize; 3], size: DVec3, inside: impl Fn(DVec3) -> bool) -> Tet
 }
 
 #[test]
-fn a_boot_stands_on_its_sole() {
+fn a_boot_is_held_by_a_flat_end() {
     let boot = carved([12, 6, 12], DVec3::new(12.0, 6.0, 12.0), |p| {
         p.z < 4.0 || p.x < 5.0
     });
@@ -139,7 +139,7 @@ fn real(file: &str, size: [u32; 2]) {
 
 #[test]
 #[ignore = "real data: scripts/test --full"]
-fn a_real_boot_and_a_real_blob() {
+fn real_boots_and_blobs_stand() {
     real("bullet_boot.vtk", [160, 120]);
     real("bullet_ditto.vtk", [160, 120]);
 }
