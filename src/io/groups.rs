@@ -4,7 +4,8 @@
 use crate::mesh::{Field, Location, TetMesh};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Cell fields that tell of groups, in the order in which they are looked for.
+/// Cell fields that tell of groups, in the order in which they are looked for; after them comes
+/// whichever says what the regions are.
 const SOURCES: [&str; 4] = ["label", "gmsh:physical", "medit:ref", "tetgen:ref"];
 
 /// With more values than this a field does not tell of regions.
@@ -21,7 +22,7 @@ pub(super) struct Region {
 #[derive(Default)]
 pub(super) struct Groups {
     /// The field that tells of them.
-    source: Option<&'static str>,
+    source: Option<String>,
     /// A number for each tet; 0 for none. Empty where there are no groups.
     pub of_tet: Vec<i32>,
     by_group: BTreeMap<i32, Region>,
@@ -37,20 +38,19 @@ impl Groups {
             if let Some(field) = mesh.field(source, Location::Cell)
                 && let Some(values) = distinct(field)
             {
-                return Groups::by_field(mesh, field, source, &values, least);
+                return Groups::by_field(mesh, field, &values, least);
             }
+        }
+        if let Some(field) = mesh.named_region_field()
+            && let Some(values) = distinct(field)
+        {
+            return Groups::by_field(mesh, field, &values, least);
         }
         Groups::default()
     }
 
-    fn by_field(
-        mesh: &TetMesh,
-        field: &Field,
-        source: &'static str,
-        values: &BTreeSet<i64>,
-        least: i32,
-    ) -> Groups {
-        let is_label = source == "label";
+    fn by_field(mesh: &TetMesh, field: &Field, values: &BTreeSet<i64>, least: i32) -> Groups {
+        let is_label = field.name == "label";
         // In the fields of other formats 0 is no group.
         let none = |value: i64| !is_label && value == 0;
         let range = i64::from(least)..=i64::from(i32::MAX);
@@ -71,7 +71,7 @@ impl Groups {
         }
         let group = |v: &f64| group_of.get(&(*v as i64)).copied().unwrap_or(0);
         Groups {
-            source: Some(source),
+            source: Some(field.name.clone()),
             of_tet: field.values.iter().map(group).collect(),
             by_group,
             renumbered: !fits,
@@ -85,13 +85,14 @@ impl Groups {
 
     /// Those that stand for regions of the field `label`.
     pub fn regions(&self) -> impl Iterator<Item = (i32, &Region)> {
-        self.all().filter(|_| self.source == Some("label"))
+        self.all().filter(|_| self.source.as_deref() == Some("label"))
     }
 
     /// Whether `field` is told by the groups, so that it need not be written besides.
     pub fn tell(&self, mesh: &TetMesh, field: &Field) -> bool {
         let source = self
             .source
+            .as_deref()
             .and_then(|name| mesh.field(name, Location::Cell));
         field.location == Location::Cell
             && SOURCES.contains(&field.name.as_str())

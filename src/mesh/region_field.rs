@@ -81,6 +81,11 @@ impl TetMesh {
         fields.min_by_key(|f| rank(&f.name))
     }
 
+    /// As [`TetMesh::region_field`], but no field that by its name numbers tets.
+    pub(crate) fn named_region_field(&self) -> Option<&Field> {
+        self.region_field().filter(|f| rank(&f.name) < NUMBERING)
+    }
+
     /// Whether the values of `field` can be regions.
     pub fn says_regions(&self, field: &Field) -> bool {
         if field.location != Location::Cell || field.components != 1 {
@@ -117,6 +122,9 @@ impl TetMesh {
     }
 }
 
+/// The rank of a name that numbers.
+const NUMBERING: usize = 2 + REGION_WORDS.len();
+
 /// How surely a field of this name says regions: 0 the most.
 fn rank(name: &str) -> usize {
     if name == "label" {
@@ -131,8 +139,8 @@ fn rank(name: &str) -> usize {
     let has = |known: &[&str]| words.iter().any(|w| known.contains(w));
     match REGION_WORDS.iter().position(|known| has(known)) {
         Some(rank) => 1 + rank,
-        None if has(&NUMBERING_WORDS) => 2 + REGION_WORDS.len(),
-        None => 1 + REGION_WORDS.len(),
+        None if has(&NUMBERING_WORDS) => NUMBERING,
+        None => NUMBERING - 1,
     }
 }
 

@@ -33,6 +33,7 @@ fn norm(v: &[DVec3]) -> f64 {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_cage_moves_the_limb_of_a_scene_as_its_own_tets_do() {
     let gpu = Gpu::new().unwrap();
     let still = "[solver]\ngravity = [0, 0, 0]\nname = ";

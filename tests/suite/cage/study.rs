@@ -5,6 +5,7 @@ use palpate::study::{Run, STUDIES};
 use std::sync::atomic::AtomicBool;
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn finer_cages_are_truer() {
     let gpu = Gpu::new().unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -10,6 +10,10 @@ const BAR: &str = r#"
 [mesh]
 generate = "bar"
 tets = 400
+[camera]
+eye = [0.06, -0.5, 0.2]
+look_at = [0.06, 0.03, 0.0]
+up = [0, 0, 1]
 [solver]
 name = "implicit"
 dt = 0.004
@@ -36,6 +40,10 @@ file = "BAR_FILE"
 [grid]
 nodes = 400
 damping = 2.0
+[camera]
+eye = [0.06, -0.5, 0.2]
+look_at = [0.06, 0.03, 0.0]
+up = [0, 0, 1]
 [solver]
 name = "verlet"
 steps = 40

@@ -126,9 +126,15 @@ fn every_format_keeps_counts_volume_regions_names_and_unit() {
             }
             let volume = mesh.volume();
             assert!((back.volume() - volume).abs() < 1e-12 * volume, "{what}");
-            let (a, b) = (Description::new(&back), Description::new(mesh));
-            assert_eq!(a.regions.len(), b.regions.len(), "{what}");
-            for (a, b) in a.regions.iter().zip(&b.regions) {
+            // "rank" is a numbering: it is taken for regions where there is no better, and not every
+            // format has a place for it.
+            let regions = |mesh: &TetMesh| match mesh.region_field() {
+                Some(field) if field.name != "rank" => Description::new(mesh).regions,
+                _ => Vec::new(),
+            };
+            let (a, b) = (regions(&back), regions(mesh));
+            assert_eq!(a.len(), b.len(), "{what}");
+            for (a, b) in a.iter().zip(&b) {
                 assert_eq!(
                     (a.label, &a.name, a.tets),
                     (b.label, &b.name, b.tets),

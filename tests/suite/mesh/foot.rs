@@ -110,6 +110,7 @@ fn the_bones_alone_are_26_closed_surfaces() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_foot_is_the_same_on_every_run_and_senseless_resolutions_are_refused() {
     let (a, b) = (foot(4_000).unwrap(), foot(4_000).unwrap());
     assert_eq!((a.nodes, a.tets, a.fields), (b.nodes, b.tets, b.fields));

@@ -19,6 +19,7 @@ fn pieces_beyond(mesh: &TetMesh, x: f64) -> usize {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_limb_is_one_sound_piece_with_all_tissues_at_any_resolution() {
     for wanted in [2_000, 3_000, 20_000, 100_000] {
         let mesh = limb(wanted).unwrap();
@@ -75,6 +76,7 @@ fn intensities_lie_near_those_of_the_labels_around_them() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_limb_is_the_same_on_every_run() {
     let (a, b) = (limb(8_000).unwrap(), limb(8_000).unwrap());
     assert_eq!((a.nodes, a.tets, a.fields), (b.nodes, b.tets, b.fields));

@@ -22,6 +22,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
     #[test]
+    #[ignore = "long: scripts/test --full"]
     fn random_labels_are_filled_soundly(
         seed: u64,
         labels in 2u64..=6,

@@ -28,6 +28,7 @@ fn the_stable_step_is_the_papers() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn implicit_euler_is_stable_for_a_thousand_large_steps() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();

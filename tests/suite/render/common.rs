@@ -44,7 +44,7 @@ pub fn slivers() -> TetMesh {
     for (t, tet) in mesh.tets.iter().enumerate() {
         tet.iter().for_each(|v| around[*v as usize].push(t));
     }
-    let least = 1e-4 * mesh.volume() / mesh.tets.len() as f64;
+    let least = 0.03 * mesh.volume() / mesh.tets.len() as f64;
     for (v, tets) in around.iter().enumerate() {
         let before = mesh.nodes[v];
         // As far as one of the tets around it lets it, and a little less.

@@ -206,6 +206,7 @@ fn drawn_in(mesh: &TetMesh) -> Vec<DVec3> {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_geometry_that_followed_is_one_made_afresh() {
     let gpu = gpu();
     let mut mesh = generate::ball(1.0, 7).unwrap();

@@ -97,6 +97,7 @@ fn the_heart() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn labels_that_are_constant_in_each_tet() {
     let mesh = generate::by_name("limb", Some(12_000)).unwrap();
     let labels = mesh.field("label", Location::Cell).unwrap();

@@ -260,6 +260,7 @@ fn read(path: &Path, columns: &[&str]) -> Vec<Vec<String>> {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
     let dir = tempfile::tempdir().unwrap();
     study(dir.path(), None).unwrap();

@@ -209,6 +209,7 @@ fn without_integration_many_samples_come_to_the_same() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn tables_of_every_texel_and_size() {
     let mut scene = shells();
     for (texel, bound) in [

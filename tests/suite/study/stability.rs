@@ -144,6 +144,7 @@ fn the_edge_in_float64() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn the_edge_on_the_gpu() {
     let gpu = crate::support::gpu();
     let mesh = mesh();

@@ -111,6 +111,7 @@ fn exhaustive(table: &mut Table, tolerance: f64) -> (Option<f64>, f64) {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
     let gpu = Gpu::new().unwrap();
     let mut finest_fails = 0;
