@@ -85,7 +85,8 @@ impl Groups {
 
     /// Those that stand for regions of the field `label`.
     pub fn regions(&self) -> impl Iterator<Item = (i32, &Region)> {
-        self.all().filter(|_| self.source.as_deref() == Some("label"))
+        self.all()
+            .filter(|_| self.source.as_deref() == Some("label"))
     }
 
     /// Whether `field` is told by the groups, so that it need not be written besides.

@@ -14,6 +14,7 @@ mod scenes;
 mod skin;
 mod study;
 mod support;
+mod tint;
 mod tune;
 mod unprepared;
 mod wrong_scenes;

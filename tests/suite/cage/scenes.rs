@@ -97,6 +97,7 @@ fn a_cage_is_grabbed_through_the_mesh() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn cages_that_make_no_sense_are_refused() {
     let gpu = Gpu::new().unwrap();
     let refused = |more: &str, word: &str| {

@@ -215,6 +215,7 @@ fn grid_bodies_go_on_where_they_were() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn caged_bodies_go_on_where_they_were() {
     let without_cut = BAR.split("[[cut]]").next().unwrap();
     for (kind, solver) in [("lattice", "implicit"), ("grid", "verlet")] {

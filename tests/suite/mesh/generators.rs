@@ -204,6 +204,7 @@ fn balls_are_round_and_well_shaped() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn every_named_generator_makes_about_what_it_says() {
     for (name, what) in GENERATORS {
         let digits: String = what

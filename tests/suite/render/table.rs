@@ -51,6 +51,7 @@ fn errors(
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(5, false).unwrap();

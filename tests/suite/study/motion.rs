@@ -329,6 +329,7 @@ fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn scenes_are_studied_or_refused_with_a_reason() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("own.toml");

@@ -184,6 +184,7 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
 
 /// The whole of it, on the machine at hand: a file that can be read again and meets what it says.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_tuned_scene_is_written_and_can_be_read() {
     let gpu = Gpu::new().unwrap();
     let folder = tempfile::tempdir().unwrap();

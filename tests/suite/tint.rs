@@ -1,15 +1,22 @@
-//! Writes every composed shader as JSON, with what a pipeline of it needs: entry points, formats
-//! of its targets, and the values of its override constants that are worth a try. `scripts/tint`
-//! hands them to a browser.
-//!
-//!     cargo run --example shaders > shaders.json
+//! Every composed shader for `scripts/tint`, which hands them to a browser's compiler.
 
 use palpate::gpu::{compose, parse, shader_names};
 use serde_json::{Value, json};
 use wgpu::naga::{Binding, BuiltIn, Module, ScalarKind, ShaderStage, TypeInner};
 
-fn main() -> palpate::Result<()> {
-    let shaders = shader_names()
+/// Writes them as JSON into the file that `PALPATE_SHADERS` names, with what a pipeline needs:
+/// entry points, formats of targets, and the values of override constants that are worth a try.
+#[test]
+#[ignore = "for a browser: scripts/test web"]
+fn every_composed_shader_is_written_for_a_browser() {
+    let Some(file) = std::env::var_os("PALPATE_SHADERS") else {
+        return;
+    };
+    std::fs::write(file, composed().unwrap().to_string()).unwrap();
+}
+
+fn composed() -> palpate::Result<Value> {
+    shader_names()
         .map(|name| {
             let module = parse(name)?;
             Ok(json!({
@@ -21,9 +28,7 @@ fn main() -> palpate::Result<()> {
                 "overrides": overrides(&module),
             }))
         })
-        .collect::<palpate::Result<Vec<Value>>>()?;
-    println!("{}", Value::from(shaders));
-    Ok(())
+        .collect()
 }
 
 /// The bindings and types that the fragment stage gives out.
