@@ -106,10 +106,10 @@ pub fn write(path: impl AsRef<Path>, mesh: &TetMesh) -> Result<Vec<String>> {
     write_as(path, mesh, MeshFormat::of(path)?, false)
 }
 
-/// Writes a mesh as [`write`] does, in this format; VTK legacy and Gmsh as `text` if asked for.
+/// Writes a mesh as [`write()`] does, in this format; VTK legacy and Gmsh as `text` if asked for.
 ///
 /// # Errors
-/// As [`write`]; a name whose extension is another format's; `text` of a `.vtu`.
+/// As [`write()`]; a name whose extension is another format's; `text` of a `.vtu`.
 pub fn write_as(
     path: impl AsRef<Path>,
     mesh: &TetMesh,

@@ -140,7 +140,7 @@ impl Raycaster {
         self.table.size
     }
 
-    /// Layers of the table: its slices, or the depths of a [`TableForm::Volume`].
+    /// Layers of the table: its slices, or the depths of a [`TableForm::Volume`](super::TableForm::Volume).
     pub fn table_layers(&self) -> u32 {
         self.table.layers
     }

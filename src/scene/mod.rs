@@ -51,6 +51,7 @@ mod words;
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
+#[cfg(feature = "study")]
 pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};
 pub use motion::{Motion, Mover};

@@ -307,7 +307,7 @@ impl Stage {
     /// now; none where the ray through it misses. Reads 36 bytes back.
     ///
     /// # Errors
-    /// As [`Geometry::pick`].
+    /// As [`Geometry::pick`](crate::render::Geometry::pick).
     pub fn pick(&self, pixel: DVec2) -> Result<Option<Pick>> {
         self.raycaster
             .geometry()
