@@ -326,11 +326,12 @@ impl File {
 
     fn end_section(&mut self) -> Parse<()> {
         match std::mem::take(&mut self.section) {
-            Section::Nodes { first, set } => {
-                if let Some(set) = set {
-                    let all = Member::Items(first..self.nodes.len());
-                    self.node_sets.add(&set, vec![all]);
-                }
+            Section::Nodes {
+                first,
+                set: Some(set),
+            } => {
+                let all = Member::Items(first..self.nodes.len());
+                self.node_sets.add(&set, vec![all]);
             }
             Section::Elements { shape, first, set } => {
                 if let Some(element) = self.open.first() {
