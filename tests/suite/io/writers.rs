@@ -291,3 +291,27 @@ fn what_cannot_be_written_is_an_error_before_a_file_is_made() {
         }
     }
 }
+
+#[test]
+#[ignore = "real data: scripts/test --full"]
+fn real_meshes_keep_counts_and_volume_in_every_format() {
+    let bench = Bench::new();
+    for name in [
+        "tet/gaia_liver.mesh",
+        "tet/polyfem_cubes_v41.msh",
+        "scalar/chaste_heart_decimation.vtu",
+    ] {
+        let Some(path) = crate::support::real_data(name) else {
+            return;
+        };
+        let mesh = io::read(path).unwrap();
+        for (format, text, file) in ways() {
+            io::write_as(bench.path(file), &mesh, format, text).unwrap();
+            let back = io::read(bench.path(file)).unwrap_or_else(|e| panic!("{name}: {e}"));
+            assert_eq!(back.nodes.len(), mesh.nodes.len(), "{name} as {file}");
+            assert_eq!(back.tets.len(), mesh.tets.len(), "{name} as {file}");
+            let off = (back.volume() / mesh.volume() - 1.0).abs();
+            assert!(off < 1e-12, "{name} as {file}: {off}");
+        }
+    }
+}
