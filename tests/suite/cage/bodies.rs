@@ -179,6 +179,7 @@ fn mass_and_the_stiffness_of_regions_are_carried_over() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn cages_cover_what_they_carry() {
     for (name, tets) in [("limb", 8_000), ("duct", 6_000), ("ball", 3_000)] {
         let mesh = generate::by_name(name, Some(tets)).unwrap();

@@ -144,6 +144,7 @@ fn what_cannot_be_meshed_is_told_with_what_to_do() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn scenes_mesh_what_they_name() {
     let folder = folder("mesh_scenes");
     for scene in ["knee", "head_ct", "head_mri", "lobe"] {

@@ -271,6 +271,7 @@ fn pictures_of_different_sizes_are_not_compared() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn every_scene_that_ships_is_drawn() {
     let folder = folder("scenes");
     let mut scenes = 0;

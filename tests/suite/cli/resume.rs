@@ -137,6 +137,7 @@ fn comes(file: &Path, child: &mut Child) -> bool {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_run_killed_at_five_moments_ends_as_an_unbroken_one() {
     const FRAMES: u32 = 14;
     let here = folder("resume_killed");

@@ -8,6 +8,7 @@ use palpate::mesh::{Location, QualityReport, Topology, components};
 use std::collections::{BTreeMap, HashMap};
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_foot_is_one_sound_piece_at_any_resolution() {
     for wanted in [2_000, 10_000, 30_000] {
         let mesh = foot(wanted).unwrap();

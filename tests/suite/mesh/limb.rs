@@ -57,6 +57,7 @@ fn a_limb_is_one_sound_piece_with_all_tissues_at_any_resolution() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn intensities_lie_near_those_of_the_labels_around_them() {
     let mesh = limb(60_000).unwrap();
     let label = &mesh.field("label", Location::Cell).unwrap().values;

@@ -83,6 +83,7 @@ fn phantom() -> Volume {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn regions_have_the_volume_and_the_surface_of_their_voxels() {
     let volume = phantom();
     let domain = LabelDomain::new(&volume, None).unwrap();

@@ -191,6 +191,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
     #[test]
+    #[ignore = "long: scripts/test --full"]
     fn one_region_keeps_the_published_bound(
         waves in prop::collection::vec(prop::array::uniform4(-1.0f64..1.0), 6),
         offset in prop::array::uniform3(0.0f64..1.0),

@@ -44,7 +44,7 @@ fn an_eye_inside_sees_from_where_it_is() {
                 Camera::perspective(eye, look_at, DVec3::Y, 70.0),
                 Camera::orthographic(eye, look_at, DVec3::Y, 0.6),
             ] {
-                let (image, rms, worst) = scene.compare(&camera, [96, 96]);
+                let (image, rms, worst) = scene.compare(&camera, [64, 64]);
                 println!("{walk:?} eye {i}: rms {rms:.3} worst {worst:.3}");
                 keep(&image, &format!("inside-{walk:?}-{i}.png"));
                 assert!(
@@ -53,11 +53,11 @@ fn an_eye_inside_sees_from_where_it_is() {
                 );
                 let thick = scene
                     .caster
-                    .image(&camera, [96, 96], Mode::Thickness)
+                    .image(&camera, [64, 64], Mode::Thickness)
                     .unwrap();
                 let truth = scene
                     .truth
-                    .picture(&camera, [96, 96], |r, ray| r.thickness(ray));
+                    .picture(&camera, [64, 64], |r, ray| r.thickness(ray));
                 let pairs = thick.values.iter().zip(&truth);
                 let wrong = pairs
                     .filter(|(a, b)| (f64::from(**a) - **b).abs() > 1e-3)
