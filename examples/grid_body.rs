@@ -29,7 +29,8 @@ fn main() -> palpate::Result<()> {
     let (size, middle) = (high - low, 0.5 * (low + high));
     let bottom = |i: &u32| mesh.nodes[*i as usize].z < low.z + 0.1 * size.z;
     let pinned: Vec<u32> = (0..mesh.nodes.len() as u32).filter(bottom).collect();
-    println!("{} particles are pinned", body.pin_nodes(&pinned));
+    body.pin_nodes(&pinned)?;
+    println!("{} particles are pinned", pinned.len());
 
     // The top follows a hand that moves sideways.
     let top = middle.with_z(high.z);

@@ -60,11 +60,27 @@ pub enum Error {
         step: u64,
         /// The simulated time of the last good state, in seconds.
         time: f64,
-        /// What was detected: NaN, runaway energy, conjugate gradients not converged.
+        /// What was detected.
+        cause: FailureCause,
+        /// The same in words, with numbers.
         what: String,
         /// What to change.
         advice: String,
     },
+}
+
+/// Why a simulation failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum FailureCause {
+    /// A position, velocity or force is no longer a finite number.
+    NotFinite,
+    /// The body has far more energy than it was given.
+    RunawayEnergy,
+    /// The iterations of a linear solve ran out far from the answer.
+    NotConverged,
+    /// Particles are farther away than they can be.
+    FlownApart,
 }
 
 impl Error {

@@ -23,7 +23,7 @@ pub mod study;
 pub mod tune;
 pub mod volume;
 
-pub use error::{Error, Result};
+pub use error::{Error, FailureCause, Result};
 /// The version of glam that this library's vectors and matrices are of.
 pub use glam;
 /// The version of wgpu that this library's devices, textures and encoders are of.

@@ -4,11 +4,13 @@
 //! cage is simulated; an [`Embedding`] carries the nodes of the fine mesh along, so that the fine
 //! mesh is what is drawn.
 
+mod carried;
 mod cells;
 mod embedding;
 mod fit;
 mod model;
 
+pub use carried::Carried;
 pub use embedding::Embedding;
 pub(crate) use fit::Compliance;
 pub use model::{Cage, CageKind, CageReport};

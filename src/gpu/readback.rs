@@ -84,7 +84,7 @@ impl Gpu {
         self.map(&staging)
     }
 
-    fn staging(&self, bytes: u64) -> Result<wgpu::Buffer> {
+    pub(super) fn staging(&self, bytes: u64) -> Result<wgpu::Buffer> {
         self.create("read-back", |device| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("read-back"),

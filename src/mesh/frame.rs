@@ -15,6 +15,15 @@ pub struct LocalFrame {
     pub scale: f64,
 }
 
+impl Default for LocalFrame {
+    fn default() -> LocalFrame {
+        LocalFrame {
+            origin: DVec3::ZERO,
+            scale: 1.0,
+        }
+    }
+}
+
 impl LocalFrame {
     /// The frame of a box given by its lower and upper corners.
     ///

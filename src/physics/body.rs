@@ -1,6 +1,8 @@
 //! A deformable body: a mesh's nodes and springs on the GPU.
 
-use super::grab::{GrabId, Grabs, Grip};
+use super::grab::{GrabId, Grip};
+use super::grab_lists::GrabLists;
+use super::loads::{LoadVersions, Loads};
 use super::material::Material;
 use super::network::{Spring, SpringNetwork};
 use super::nodes::Nodes;
@@ -10,7 +12,6 @@ use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
-use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Gives every body its own number.
@@ -48,15 +49,14 @@ pub struct Body {
     pub(super) network: SpringNetwork,
     pub(super) material: Material,
     pub(super) units: Units,
-    gravity: DVec3,
-    pub(super) pinned: Vec<bool>,
-    pub(super) forces: Vec<[f32; 4]>,
-    pub(super) masses_changed: bool,
-    pub(super) grabs: Grabs,
+    pub(super) loads: Loads,
+    /// The loads that the arrays on the GPU have; masses and forces that are none are written.
+    pub(super) written: Option<LoadVersions>,
+    pub(super) grabs: GrabLists,
     /// Counts cuts: what is bound to the arrays or their lengths is made for one generation.
     pub(super) generation: u64,
-    /// Counts changes of positions and velocities from outside, and changes of any kind.
-    revision: Revision,
+    /// Counts changes of positions and velocities from outside.
+    pub(super) moves: u64,
 }
 
 impl Body {
@@ -95,10 +95,10 @@ impl Body {
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
         let rows = Rows::new(&network, &rest, &units)?;
-        let zero = vec![[0.0f32; 4]; nodes.len()];
-        let grabs = Grabs::new(gpu, frame, network.length_unit);
         let mut body = Body {
-            grabs,
+            loads: Loads::new(nodes.len(), frame, network.length_unit),
+            written: None,
+            grabs: GrabLists::default(),
             gpu: gpu.clone(),
             id: BODIES.fetch_add(1, Ordering::Relaxed),
             velocities: gpu.roomy_array("velocities", Texel::F32x4, nodes.len())?,
@@ -108,16 +108,12 @@ impl Body {
             columns: gpu.roomy_array_of("columns", Texel::U32x4, &rows.columns)?,
             springs: gpu.roomy_array_of("springs", Texel::F32x2, &rows.springs)?,
             kept_rows: rows,
-            pinned: vec![false; nodes.len()],
             nodes,
             network,
             material: material.clone(),
             units,
-            gravity: DVec3::ZERO,
-            forces: zero,
-            masses_changed: true,
             generation: 0,
-            revision: Revision::default(),
+            moves: 0,
         };
         body.flush()?;
         Ok(body)
@@ -143,94 +139,74 @@ impl Body {
         self.units
     }
 
+    /// Pins, forces, gravity and grabs.
+    pub fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
+    /// As [`Body::loads`], to change them; they act from the next step on.
+    pub fn loads_mut(&mut self) -> &mut Loads {
+        &mut self.loads
+    }
+
+    /// The nodes whose rest position, in file units, satisfies `where_`.
+    pub fn nodes_where(&self, where_: impl Fn(DVec3) -> bool) -> Vec<u32> {
+        let rest = self.network.rest.iter().enumerate();
+        rest.filter(|(_, x)| where_(self.network.to_file(**x)))
+            .map(|(i, _)| i as u32)
+            .collect()
+    }
+
     /// Pins every node whose rest position, in file units, satisfies `where_`: it stays where it
     /// is from now on. Returns how many nodes are pinned now.
     pub fn pin(&mut self, where_: impl Fn(DVec3) -> bool) -> usize {
-        for (pinned, x) in self.pinned.iter_mut().zip(&self.network.rest) {
-            *pinned |= where_(self.network.to_file(*x));
-        }
-        self.masses_changed = true;
-        self.loads_changed();
-        self.pinned_count()
+        let nodes = self.nodes_where(where_);
+        // They are the body's own.
+        let _ = self.loads.pin_nodes(&nodes);
+        self.loads.pinned().iter().filter(|p| **p).count()
     }
 
-    /// Pins the nodes listed.
+    /// As [`Loads::pin_nodes`].
     ///
     /// # Errors
     /// [`Error::Input`] for a node that does not exist.
     pub fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
-        let count = self.node_count();
-        if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
-            return Err(Error::Input(format!(
-                "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
-            )));
-        }
-        for v in nodes {
-            self.pinned[*v as usize] = true;
-        }
-        self.masses_changed = true;
-        self.loads_changed();
-        Ok(())
+        self.loads.pin_nodes(nodes)
     }
 
     /// Holds the body by the end that suits it ([`SpringNetwork::held_end`]) and lets `gravity`
     /// (m/s²) act across it. Returns a sentence that says so.
     pub fn hold_one_end(&mut self, gravity: f64) -> String {
         let (end, _) = self.network.held_end(DVec3::NEG_Z);
-        for v in &end.nodes {
-            self.pinned[*v as usize] = true;
-        }
-        self.masses_changed = true;
-        self.set_gravity(gravity * end.across());
+        // They are the body's own.
+        let _ = self.loads.pin_nodes(&end.nodes);
+        self.loads.set_gravity(gravity * end.across());
         let along = if end.axis == 2 { "-y" } else { "-z" };
         format!("held {end}; gravity of {gravity} m/s² acts along {along}")
     }
 
-    /// Lets every node go.
-    pub fn unpin_all(&mut self) {
-        self.pinned.fill(false);
-        self.masses_changed = true;
-        self.loads_changed();
-    }
-
     /// Which nodes are pinned.
     pub fn pinned(&self) -> &[bool] {
-        &self.pinned
-    }
-
-    fn pinned_count(&self) -> usize {
-        self.pinned.iter().filter(|p| **p).count()
+        self.loads.pinned()
     }
 
     /// Sets gravity, m/s² along the file's axes.
     pub fn set_gravity(&mut self, gravity: DVec3) {
-        self.gravity = gravity;
-        self.loads_changed();
+        self.loads.set_gravity(gravity);
     }
 
     /// Gravity, m/s².
     pub fn gravity(&self) -> DVec3 {
-        self.gravity
+        self.loads.gravity()
     }
 
-    /// Sets the external force on every node, N.
+    /// Sets the external force on every node, N, on the GPU too.
     ///
     /// # Errors
     /// [`Error::Input`] for a wrong number of forces or one that is not finite.
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
-        self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
-        self.grabs.touch();
-        self.gpu.write_array(&self.external, &self.forces)?;
-        self.loads_changed();
-        Ok(())
-    }
-
-    /// The external force on every node as it was set or added, N.
-    pub fn forces(&self) -> Vec<DVec3> {
-        let forces = self.forces.iter();
-        forces
-            .map(|f| Vec3::new(f[0], f[1], f[2]).as_dvec3())
-            .collect()
+        self.loads.set_forces(forces)?;
+        self.write_forces()
     }
 
     /// Adds `force` (N in all) in equal shares to the nodes whose rest position, in file units,
@@ -239,27 +215,10 @@ impl Body {
     /// # Errors
     /// [`Error::Input`] when the force is not finite or there are no such nodes.
     pub fn add_force(&mut self, force: DVec3, where_: impl Fn(DVec3) -> bool) -> Result<usize> {
-        let rest = self.network.rest.iter().enumerate();
-        let chosen: Vec<usize> = rest
-            .filter(|(_, x)| where_(self.network.to_file(**x)))
-            .map(|(i, _)| i)
-            .collect();
-        if chosen.is_empty() || !force.is_finite() {
-            return Err(Error::Input(format!(
-                "a force of {force} N on {} nodes cannot be applied",
-                chosen.len()
-            )));
-        }
-        self.grabs.touch();
-        let share = (force / chosen.len() as f64).as_vec3();
-        for i in &chosen {
-            for (axis, f) in share.to_array().iter().enumerate() {
-                self.forces[*i][axis] += f;
-            }
-        }
-        self.gpu.write_array(&self.external, &self.forces)?;
-        self.loads_changed();
-        Ok(chosen.len())
+        let nodes = self.nodes_where(where_);
+        self.loads.add_force(force, &nodes)?;
+        self.write_forces()?;
+        Ok(nodes.len())
     }
 
     /// Grabs the nodes within `radius` of `centre`, file units: reads the positions back once.
@@ -269,33 +228,24 @@ impl Body {
     /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
     pub fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
         let positions = self.positions()?;
-        let held: BTreeSet<u32> = self.grabs.held().collect();
-        let pinned = &self.pinned;
-        let free = |i: usize| !pinned[i] && !held.contains(&(i as u32));
-        let grab = self.grabs.add(&positions, free, centre, radius, grip)?;
-        self.changed();
-        Ok(grab)
+        self.loads
+            .grab(&positions, |_| true, (centre, radius), grip)
     }
 
-    /// Moves the target of a grab, in file units: its nodes follow with the next step.
+    /// As [`Loads::set_target`].
     ///
     /// # Errors
     /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
     pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
-        if self.grabs.set_target(grab, target)? {
-            self.changed();
-        }
-        Ok(())
+        self.loads.set_target(grab, target)
     }
 
-    /// Lets go of a grab's nodes. Returns how many they are.
+    /// As [`Loads::release`].
     ///
     /// # Errors
     /// [`Error::Input`] for a grab that is not there.
     pub fn release(&mut self, grab: GrabId) -> Result<usize> {
-        let nodes = self.grabs.release(grab)?;
-        self.changed();
-        Ok(nodes)
+        self.loads.release(grab)
     }
 
     /// The external force on every node, for callers who write it on the GPU: rgba32float, xyz in
@@ -359,56 +309,69 @@ impl Body {
     /// Says that positions or velocities were changed from outside: the solvers start afresh from
     /// what they find. Not needed after writing [`Body::force_array`].
     pub fn changed(&mut self) {
-        self.revision.state += 1;
-        self.revision.any += 1;
+        self.moves += 1;
         self.nodes.mark_moved();
-    }
-
-    /// What acts on the body has changed, not where it is: schemes that live on their last step
-    /// go on with it.
-    fn loads_changed(&mut self) {
-        self.revision.any += 1;
     }
 
     /// A number that changes whenever the body is changed from outside: its state, pins, forces,
     /// grabs or shape. What is written to [`Body::force_array`] does not count.
     pub fn touched(&self) -> u64 {
-        self.revision.any
-    }
-
-    pub(super) fn set_revision(&mut self, revision: Revision) {
-        self.revision = revision;
+        self.revision().any
     }
 
     pub(super) fn revision(&self) -> Revision {
-        self.revision
+        let versions = self.loads.versions;
+        Revision {
+            state: self.moves + versions.grabs,
+            any: self.moves + versions.any,
+        }
     }
 
     pub(super) fn mark_moved(&mut self) {
         self.nodes.mark_moved();
     }
 
+    /// Writes the external forces that were set.
+    pub(super) fn write_forces(&mut self) -> Result<()> {
+        let forces = self.loads.forces().iter();
+        let texels: Vec<[f32; 4]> = forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();
+        self.gpu.write_array(&self.external, &texels)?;
+        if let Some(written) = &mut self.written {
+            written.forces = self.loads.versions.forces;
+        }
+        Ok(())
+    }
+
     /// Uploads what was changed on the CPU only.
     pub(super) fn flush(&mut self) -> Result<()> {
-        if self.grabs.flush(&self.forces, |_| 1.0)? {
-            self.gpu.write_array(&self.external, &self.forces)?;
-            self.masses_changed = true;
-        }
-        if !self.masses_changed {
+        let versions = self.loads.versions;
+        if self.written == Some(versions) {
             return Ok(());
         }
-        let mut held = self.pinned.clone();
-        self.grabs.held().for_each(|i| held[i as usize] = true);
-        let masses: Vec<[f32; 2]> = self
-            .network
-            .masses
-            .iter()
-            .zip(&held)
-            .map(|(mass, pinned)| self.local_mass(*mass, *pinned))
-            .collect();
-        self.gpu.write_array(&self.masses, &masses)?;
-        self.masses_changed = false;
+        let known = self.written.unwrap_or_default();
+        let first = self.written.is_none();
+        let grabs = known.grabs != versions.grabs;
+        let forces = known.forces != versions.forces;
+        if grabs || (forces && self.grabs.draws()) {
+            self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
+        }
+        if forces || (grabs && !first) {
+            self.write_forces()?;
+        }
+        if first || known.held != versions.held {
+            self.flush_masses()?;
+        }
+        self.written = Some(versions);
         Ok(())
+    }
+
+    /// Writes the masses, and which nodes are held.
+    pub(super) fn flush_masses(&self) -> Result<()> {
+        let masses = self.network.masses.iter().zip(self.loads.held());
+        let masses: Vec<[f32; 2]> = masses
+            .map(|(mass, held)| self.local_mass(*mass, held))
+            .collect();
+        self.gpu.write_array(&self.masses, &masses)
     }
 
     /// A node's mass and inverse mass as the GPU has them.

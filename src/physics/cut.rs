@@ -87,10 +87,13 @@ impl Body {
             put(&self.gpu, &self.springs, &replaced.springs, &kept.springs)?;
             let mass = |v: &u32| {
                 let v = *v as usize;
-                self.local_mass(self.network.masses[v], self.pinned[v])
+                self.local_mass(self.network.masses[v], self.pinned()[v])
             };
             let masses: Vec<[f32; 2]> = cut.nodes.iter().map(mass).collect();
             self.gpu.put(&self.masses, &cut.nodes, &masses)?;
+            if let Some(written) = self.written.as_mut().filter(|_| !self.loads.grabs.any()) {
+                written.held = self.loads.versions.held;
+            }
         } else {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
             self.kept_rows = Rows::new(&self.network, &rest, &self.units)?;
@@ -100,18 +103,13 @@ impl Body {
                 .write_array(&self.columns, &self.kept_rows.columns)?;
             self.gpu
                 .write_array(&self.springs, &self.kept_rows.springs)?;
-            self.masses_changed = true;
-        }
-        if self.grabs.any() {
-            // Masses and loads around the cut are new: those of nodes held are made again.
-            self.grabs.touch();
         }
         self.generation += 1;
         self.changed();
         Ok(())
     }
 
-    fn check_mesh(&self, mesh: &TetMesh) -> Result<()> {
+    pub(super) fn check_mesh(&self, mesh: &TetMesh) -> Result<()> {
         if mesh.nodes.len() == self.node_count() {
             return Ok(());
         }
@@ -165,35 +163,12 @@ impl Body {
         gpu.resize(&mut self.velocities, "velocities", len)?;
         gpu.write_items(&self.velocities, first as u32, &of(&velocities))?;
         gpu.resize(&mut self.masses, "masses", len)?;
-        for [_, old] in &cut.doubled {
-            self.pinned.push(self.pinned[*old as usize]);
-        }
         gpu.resize(&mut self.external, "external forces", len)?;
-        let shared = self.share_forces(cut);
+        let shared = self.loads.follow(cut, &self.network.masses);
         let from = if shared { 0 } else { first };
-        gpu.write_items(&self.external, from as u32, &self.forces[from..])
-    }
-
-    /// Shares the forces on nodes that were doubled by mass. Returns whether there were any.
-    fn share_forces(&mut self, cut: &TetCut) -> bool {
-        let mut any = false;
-        self.forces.resize(self.network.rest.len(), [0.0; 4]);
-        for doubles in cut.doubled.chunk_by(|a, b| a[1] == b[1]) {
-            let old = doubles[0][1] as usize;
-            let force = self.forces[old];
-            if force[..3] == [0.0; 3] {
-                continue;
-            }
-            any = true;
-            let nodes = || doubles.iter().map(|d| d[0] as usize).chain([old]);
-            let masses = &self.network.masses;
-            let whole: f64 = nodes().map(|v| masses[v]).sum();
-            for v in nodes() {
-                let share = if whole > 0.0 { masses[v] / whole } else { 0.0 };
-                self.forces[v] = force.map(|f| f * share as f32);
-            }
-        }
-        any
+        let forces = self.loads.forces()[from..].iter();
+        let texels: Vec<[f32; 4]> = forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();
+        gpu.write_items(&self.external, from as u32, &texels)
     }
 
     /// Makes the arrays of the springs as long as what is kept of them here.

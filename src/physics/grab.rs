@@ -1,30 +1,11 @@
 //! Grabbing: nodes that follow a target, exactly or by springs with a limit.
-//!
-//! A target holds from one recording of steps to the next; whoever moves it fast records few steps
-//! at a time. Nothing is read back but the positions when a grab starts.
 
 use super::state::{GrabsState, HeldState};
-use crate::gpu::{Array, Gpu, Pass, Texel};
 use crate::mesh::LocalFrame;
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::fmt;
-
-mod gpu_data {
-    crate::gpu_struct! {
-        /// See `shaders/physics/hold.wgsl`.
-        pub struct HoldParams {
-            pub count: u32,
-        }
-    }
-    crate::gpu_struct! {
-        /// See `shaders/physics/draw_near.wgsl`.
-        pub struct DrawParams {
-            pub count: u32,
-        }
-    }
-}
 
 /// Farther than so many sizes of the body from its middle no target makes sense.
 const FARTHEST: f64 = 100.0;
@@ -60,49 +41,36 @@ impl fmt::Display for Grip {
 )]
 pub struct GrabId(u32);
 
+/// Nodes and what they follow.
 #[derive(Clone, Debug)]
-struct Grab {
-    nodes: Vec<u32>,
+pub(super) struct Grab {
+    pub nodes: Vec<u32>,
     /// From the target to each node's place, in file units.
-    offsets: Vec<DVec3>,
-    target: DVec3,
-    grip: Grip,
+    pub offsets: Vec<DVec3>,
+    pub target: DVec3,
+    pub grip: Grip,
 }
 
-/// The grabs of a body, and their lists on the GPU.
-#[derive(Debug)]
+/// The grabs of a body.
+#[derive(Clone, Debug)]
 pub(super) struct Grabs {
-    gpu: Gpu,
     frame: LocalFrame,
-    /// Metres in a local unit.
-    length: f64,
     grabs: BTreeMap<GrabId, Grab>,
     next: u32,
-    held: Option<[Array; 2]>,
-    drawn: Option<[Array; 3]>,
-    /// Whether the lists are to be made anew, and how often they were.
-    changed: bool,
-    version: u64,
 }
 
 impl Grabs {
-    pub(super) fn new(gpu: &Gpu, frame: LocalFrame, length_unit: f64) -> Grabs {
+    pub(super) fn new(frame: LocalFrame) -> Grabs {
         Grabs {
-            gpu: gpu.clone(),
             frame,
-            length: frame.scale * length_unit,
             grabs: BTreeMap::new(),
             next: 0,
-            held: None,
-            drawn: None,
-            changed: false,
-            version: 0,
         }
     }
 
-    /// Counts how often the lists on the GPU were made.
-    pub(super) fn version(&self) -> u64 {
-        self.version
+    /// Each of them.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Grab> {
+        self.grabs.values()
     }
 
     /// Grabs the nodes within `radius` of `centre` that `free` allows; file units.
@@ -151,7 +119,6 @@ impl Grabs {
             grip,
         };
         self.grabs.insert(id, grab);
-        self.changed = true;
         Ok(id)
     }
 
@@ -170,7 +137,6 @@ impl Grabs {
         }
         let grab = self.grabs.get_mut(&id).ok_or_else(unknown)?;
         let moved = grab.target != target;
-        self.changed |= moved;
         grab.target = target;
         Ok(moved)
     }
@@ -213,19 +179,12 @@ impl Grabs {
         });
         self.grabs = grabs.collect();
         self.next = state.next;
-        self.changed = true;
         Ok(())
-    }
-
-    /// The forces that act anyway have changed, or who is held by whom.
-    pub(super) fn touch(&mut self) {
-        self.changed = true;
     }
 
     /// Lets go. Returns how many nodes were held.
     pub(super) fn release(&mut self, id: GrabId) -> Result<usize> {
         let grab = self.grabs.remove(&id).ok_or_else(unknown)?;
-        self.changed = true;
         Ok(grab.nodes.len())
     }
 
@@ -238,96 +197,6 @@ impl Grabs {
     pub(super) fn held(&self) -> impl Iterator<Item = u32> {
         let follow = self.grabs.values().filter(|g| g.grip == Grip::Follow);
         follow.flat_map(|g| g.nodes.iter().copied())
-    }
-
-    /// Makes the lists anew if a grab has changed; whether one has. `loads` are the forces that
-    /// act anyway, N, `w` the fourth component of each node's position.
-    pub(super) fn flush(&mut self, loads: &[[f32; 4]], w: impl Fn(usize) -> f32) -> Result<bool> {
-        if !std::mem::take(&mut self.changed) {
-            return Ok(false);
-        }
-        self.version += 1;
-        let (mut held, mut places) = (Vec::new(), Vec::new());
-        let (mut drawn, mut targets, mut forces) = (Vec::new(), Vec::new(), Vec::new());
-        for grab in self.grabs.values() {
-            for (i, offset) in grab.nodes.iter().zip(&grab.offsets) {
-                let place = self.frame.to_local(grab.target + *offset);
-                match grab.grip {
-                    Grip::Follow => {
-                        held.push(*i);
-                        places.push(place.extend(w(*i as usize)).to_array());
-                    }
-                    Grip::Spring { stiffness, limit } => {
-                        let share = grab.nodes.len() as f64;
-                        let [x, y, z, _] = loads[*i as usize];
-                        drawn.push(*i);
-                        let pull = (stiffness / share * self.length) as f32;
-                        targets.push(place.extend(pull).to_array());
-                        forces.push([x, y, z, (limit / share) as f32]);
-                    }
-                }
-            }
-        }
-        let gpu = &self.gpu;
-        self.held = match held.is_empty() {
-            true => None,
-            false => Some([
-                gpu.array_of("nodes held", Texel::U32, &held)?,
-                gpu.array_of("places of nodes held", Texel::F32x4, &places)?,
-            ]),
-        };
-        self.drawn = match drawn.is_empty() {
-            true => None,
-            false => Some([
-                gpu.array_of("nodes drawn", Texel::U32, &drawn)?,
-                gpu.array_of("targets of nodes drawn", Texel::F32x4, &targets)?,
-                gpu.array_of("loads of nodes drawn", Texel::F32x4, &forces)?,
-            ]),
-        };
-        Ok(true)
-    }
-
-    /// Whether springs draw nodes, as of the last flush.
-    pub(super) fn draws(&self) -> bool {
-        self.drawn.is_some()
-    }
-
-    /// The pass that puts the nodes that follow where they are to be.
-    pub(super) fn hold_pass(&self, positions: &Array) -> Result<Option<Pass>> {
-        let Some([numbers, places]) = &self.held else {
-            return Ok(None);
-        };
-        let pass = self
-            .gpu
-            .pass("physics/hold")
-            .read(numbers)
-            .read(places)
-            .write(positions)
-            .params(&gpu_data::HoldParams {
-                count: numbers.len(),
-            })
-            .over(numbers.len())?;
-        Ok(Some(pass))
-    }
-
-    /// The pass that writes the springs' pull at `positions` into the external forces.
-    pub(super) fn draw_pass(&self, positions: &Array, external: &Array) -> Result<Option<Pass>> {
-        let Some([numbers, targets, loads]) = &self.drawn else {
-            return Ok(None);
-        };
-        let pass = self
-            .gpu
-            .pass("physics/draw_near")
-            .read(positions)
-            .read(numbers)
-            .read(targets)
-            .read(loads)
-            .write(external)
-            .params(&gpu_data::DrawParams {
-                count: numbers.len(),
-            })
-            .over(numbers.len())?;
-        Ok(Some(pass))
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::units::Units;
 use super::{Body, SolverKind, largest_stable_step};
-use crate::Error;
+use crate::{Error, FailureCause};
 
 /// Steps in the history ring.
 pub(super) const HISTORY: u32 = 1024;
@@ -33,7 +33,7 @@ const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
 
 /// How far a solver came.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Progress {
     /// Steps completed since the solver was made.
     pub steps: u64,
@@ -44,7 +44,7 @@ pub struct Progress {
 }
 
 /// One step, as the GPU noted it.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepRecord {
     /// Iterations of conjugate gradients; 0 for explicit solvers.
     pub iterations: u32,
@@ -153,6 +153,11 @@ impl Status {
         if self.failed == 0 {
             return None;
         }
+        let cause = match self.failed {
+            NON_FINITE => FailureCause::NotFinite,
+            RUNAWAY_ENERGY => FailureCause::RunawayEnergy,
+            _ => FailureCause::NotConverged,
+        };
         let what = match self.failed {
             NON_FINITE => "a position, velocity or force is no longer a finite number".to_owned(),
             RUNAWAY_ENERGY => format!(
@@ -169,6 +174,7 @@ impl Status {
             solver: kind.name(),
             step: clock.steps() + 1,
             time: clock.time(),
+            cause,
             what,
             advice: advice(kind, clock.dt(), body),
         })

@@ -22,7 +22,7 @@ pub struct Spring {
 /// Masses at the nodes of a mesh, springs along its edges.
 ///
 /// Positions are in metres from the frame's origin.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SpringNetwork {
     /// Rest position of every node, m.
     pub rest: Vec<DVec3>,

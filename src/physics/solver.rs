@@ -11,7 +11,7 @@ use crate::gpu::Recorder;
 /// was before that step and all later steps do nothing; [`Solver::poll`] and [`Solver::run`] then
 /// return the error, and the body can still be read and drawn. Changing the body's state,
 /// loads or pins clears a failure.
-pub trait Solver {
+pub trait Solver: Send {
     /// Which solver it is.
     fn kind(&self) -> SolverKind;
 
@@ -34,13 +34,34 @@ pub trait Solver {
         work.submit()
     }
 
-    /// Runs `steps` steps of `dt` seconds in submits of a size that no driver takes amiss, and
-    /// waits for them.
+    /// Asks for `steps` more steps of `dt` seconds, and submits as many as no driver takes amiss;
+    /// waits for none. [`Solver::progress`] and [`Solver::finish`] submit the rest.
     ///
     /// # Errors
-    /// [`Error::Solver`](crate::Error::Solver) when a step failed; otherwise as
-    /// [`Solver::record`].
-    fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress>;
+    /// As [`Solver::record`].
+    fn advance(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<()>;
+
+    /// How far the steps asked for by [`Solver::advance`] have come as far as is known, without
+    /// waiting; none before anything arrived. Submits more of them where the last were done.
+    ///
+    /// # Errors
+    /// [`Error::Solver`](crate::Error::Solver) when a step failed; the steps left are dropped.
+    fn progress(&mut self, body: &mut Body) -> Result<Option<Progress>>;
+
+    /// Waits for all steps asked for by [`Solver::advance`].
+    ///
+    /// # Errors
+    /// As [`Solver::progress`].
+    fn finish(&mut self, body: &mut Body) -> Result<Progress>;
+
+    /// Runs `steps` steps of `dt` seconds, and waits for them.
+    ///
+    /// # Errors
+    /// As [`Solver::advance`] and [`Solver::finish`].
+    fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress> {
+        self.advance(body, steps, dt)?;
+        self.finish(body)
+    }
 
     /// Waits for what was submitted, and tells how far it came.
     ///

@@ -5,8 +5,10 @@
 //! of it, nor is what every recording of steps computes anew (forces, candidates, the vectors of
 //! conjugate gradients).
 
+use super::grab_lists::GrabLists;
 use super::guard::gpu_data::Status;
 use super::guard::{Clock, HISTORY};
+use super::loads::LoadsState;
 use super::step::Timing;
 use super::stepper::{Scheme, Stepper};
 use super::{Body, GrabId, Grip};
@@ -39,9 +41,9 @@ pub struct BodyState {
     external: Vec<[f32; 4]>,
     /// Cuts that were made.
     generation: u64,
-    /// Changes of the state, and of any kind, from outside.
-    revision: [u64; 2],
-    grabs: GrabsState,
+    /// Changes of positions and velocities from outside.
+    moves: u64,
+    loads: LoadsState,
 }
 
 /// The state of a [`Solver`](super::Solver): see [`Solver::state`](super::Solver::state).
@@ -81,14 +83,13 @@ impl Body {
     /// # Errors
     /// As [`Gpu::read_array`].
     pub fn state(&self) -> Result<BodyState> {
-        let revision = self.revision();
         Ok(BodyState {
             positions: self.nodes.local()?,
             velocities: self.gpu.read_array(&self.velocities)?,
             external: self.gpu.read_array(&self.external)?,
             generation: self.generation,
-            revision: [revision.state, revision.any],
-            grabs: self.grabs.state(),
+            moves: self.moves,
+            loads: self.loads.state(),
         })
     }
 
@@ -108,11 +109,13 @@ impl Body {
         put_back(&self.gpu, &self.velocities, &state.velocities)?;
         put_back(&self.gpu, &self.external, &state.external)?;
         put_back(&self.gpu, self.nodes.array(), &state.positions)?;
-        self.grabs.set_state(&state.grabs, state.positions.len())?;
-        self.masses_changed = true;
+        self.loads.set_state(&state.loads)?;
+        // All but the external forces, which grabs and callers write on the GPU, is made again.
+        self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
+        self.flush_masses()?;
+        self.written = Some(self.loads.versions);
+        self.moves = state.moves;
         self.nodes.mark_moved();
-        let [state, any] = state.revision;
-        self.set_revision(super::body::Revision { state, any });
         Ok(())
     }
 

@@ -3,6 +3,7 @@
 use super::body::Revision;
 use super::guard::gpu_data::Status;
 use super::guard::{ENERGY_FACTOR, ENERGY_FLOOR, HISTORY};
+use super::loads::LoadVersions;
 use super::{Body, Damping};
 use crate::Result;
 use crate::gpu::{Array, Gpu, Pass, Texel};
@@ -96,8 +97,8 @@ pub(super) struct Prepared {
     /// The body as it was last left or found.
     pub(super) revision: Revision,
     pub(super) step: StepPasses,
-    /// The grabs' lists that `draw` was made for.
-    pub(super) grabs: u64,
+    /// The loads that `draw` was made for.
+    pub(super) loads: Option<LoadVersions>,
     /// What grabs by springs pull with at the candidate's positions.
     pub(super) draw: Option<Pass>,
     pub(super) forces: Pass,
@@ -176,7 +177,7 @@ impl Core {
             local_dt,
             gravity: body.gravity(),
             revision: body.revision(),
-            grabs: 0,
+            loads: None,
             draw: None,
             forces: self.force_pass(body, &self.next_positions, velocities)?,
             check: self.check_pass(0, local_dt)?,

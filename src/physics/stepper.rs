@@ -4,8 +4,9 @@ use super::guard::gpu_data::Status;
 use super::guard::{Clock, HISTORY, Progress, StepRecord};
 use super::step::{Core, Prepared, StepPasses, Timing};
 use super::{Body, Solver, SolverKind, SolverState};
-use crate::gpu::{Array, Gpu, Pass, Recorder};
+use crate::gpu::{Array, Gpu, Pass, Recorder, Ring};
 use crate::{Error, Result};
+use std::collections::VecDeque;
 
 /// Spring visits in one submit: well below a second on the weakest GPU.
 const VISITS: f64 = 5e8;
@@ -20,7 +21,7 @@ const DISPATCHES: u32 = 8192;
 const GATED: u32 = 4;
 
 /// What tells one solver from another.
-pub trait Scheme: Sized {
+pub trait Scheme: Sized + Send {
     /// Its name.
     const KIND: SolverKind;
 
@@ -68,6 +69,18 @@ pub struct Stepper<S> {
     pub(super) iterations: u32,
     /// Whether steps were recorded since the status was last read.
     pub(super) unseen: bool,
+    /// Steps asked for that are not done: the count to reach, and their length.
+    errands: VecDeque<(u64, f64)>,
+    /// Status on its way back, of at most one submit.
+    ring: Ring,
+    /// The count of steps when it is through, if it needs no more iterations than it was given.
+    expected: u64,
+    /// As of the last status that arrived.
+    last: Option<Progress>,
+}
+
+fn no_status() -> Error {
+    Error::Gpu("the status of the simulation is empty".into())
 }
 
 /// How the steps of a recording begin.
@@ -93,6 +106,10 @@ impl<S: Scheme> Stepper<S> {
             prepared: None,
             clock: Clock::default(),
             unseen: false,
+            errands: VecDeque::new(),
+            ring: Ring::new(gpu, size_of::<Status>() as u64),
+            expected: 0,
+            last: None,
         })
     }
 
@@ -144,16 +161,17 @@ impl<S: Scheme> Stepper<S> {
             }
         };
         prepared.revision = revision;
-        if prepared.grabs != body.grabs.version() {
-            prepared.grabs = body.grabs.version();
+        let versions = body.loads.versions;
+        if prepared.loads != Some(versions) {
+            prepared.loads = Some(versions);
             let candidate = &self.core.next_positions;
-            prepared.draw = body.grabs.draw_pass(candidate, &body.external)?;
+            prepared.draw = body.grabs.draw_pass(&body.gpu, candidate, &body.external)?;
         }
         let state = body.nodes().array();
-        if let Some(hold) = body.grabs.hold_pass(state)? {
+        if let Some(hold) = body.grabs.hold_pass(&body.gpu, state)? {
             hold.record(work);
         }
-        if let Some(draw) = body.grabs.draw_pass(state, &body.external)? {
+        if let Some(draw) = body.grabs.draw_pass(&body.gpu, state, &body.external)? {
             draw.record(work);
         }
         if forgive {
@@ -227,12 +245,53 @@ impl<S: Scheme> Stepper<S> {
         by_visits.min(DISPATCHES / passes).clamp(1, HISTORY)
     }
 
+    /// Submits as many of the steps asked for as fit, where none are under way.
+    fn launch(&mut self, body: &mut Body) -> Result<()> {
+        let Some((end, dt)) = self.errands.front().copied() else {
+            return Ok(());
+        };
+        if self.ring.flying() > 0 {
+            return Ok(());
+        }
+        let before = self.clock.steps();
+        let left = (end - before).min(u64::from(HISTORY)) as u32;
+        let chunk = left.min(self.chunk(self.iterations));
+        let mut work = self.core.gpu.record();
+        self.record_steps(&mut work, body, chunk, dt, self.iterations)?;
+        self.expected = before + u64::from(chunk);
+        self.ring.submit(work, &self.core.status)
+    }
+
+    /// Takes note of what has arrived.
+    fn land(&mut self, body: &Body, wait: bool) -> Result<()> {
+        let Some(noted) = self.ring.arrived::<Status>(wait)? else {
+            return Ok(());
+        };
+        let status = noted.first().ok_or_else(no_status)?;
+        self.clock.complete(status.steps);
+        self.unseen = false;
+        let failed = status.error(S::KIND, &self.clock, body);
+        self.clock.settle();
+        if let Some(error) = failed {
+            self.errands.clear();
+            return Err(error);
+        }
+        self.last = Some(status.progress(&self.clock, &body.units));
+        self.adapt(status.iterations, self.clock.steps() == self.expected);
+        if self
+            .errands
+            .front()
+            .is_some_and(|e| e.0 <= self.clock.steps())
+        {
+            self.errands.pop_front();
+        }
+        Ok(())
+    }
+
     /// Waits, and reads what the GPU noted.
     fn look(&mut self) -> Result<Status> {
         let noted: Vec<Status> = self.core.gpu.read_buffer(&self.core.status)?;
-        let status = noted
-            .first()
-            .ok_or_else(|| Error::Gpu("the status of the simulation is empty".into()))?;
+        let status = noted.first().ok_or_else(no_status)?;
         self.clock.complete(status.steps);
         self.unseen = false;
         Ok(*status)
@@ -262,26 +321,37 @@ impl<S: Scheme> Solver for Stepper<S> {
         self.record_steps(work, body, steps, dt, iterations)
     }
 
-    fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress> {
-        let mut progress = None;
-        if self.unseen {
+    fn advance(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<()> {
+        if self.unseen && self.ring.flying() == 0 {
+            // Recorded by the caller: how far they came is not known yet.
             self.look()?;
         }
-        let end = self.clock.steps() + u64::from(steps);
-        while self.clock.steps() < end {
-            let before = self.clock.steps();
-            let left = (end - before).min(u64::from(HISTORY)) as u32;
-            let chunk = left.min(self.chunk(self.iterations));
-            let mut work = self.core.gpu.record();
-            self.record_steps(&mut work, body, chunk, dt, self.iterations)?;
-            work.submit()?;
-            let reached = self.poll(body)?;
-            self.clock.settle();
-            let completed = reached.steps == before + u64::from(chunk);
-            self.adapt(reached.last.iterations, completed);
-            progress = Some(reached);
+        let from = self.errands.back().map_or(self.clock.steps(), |e| e.0);
+        if steps > 0 {
+            self.errands.push_back((from + u64::from(steps), dt));
         }
-        progress.map_or_else(|| self.poll(body), Ok)
+        let launched = self.launch(body);
+        if launched.is_err() {
+            self.errands.clear();
+        }
+        launched
+    }
+
+    fn progress(&mut self, body: &mut Body) -> Result<Option<Progress>> {
+        self.land(body, false)?;
+        self.launch(body)?;
+        Ok(self.last)
+    }
+
+    fn finish(&mut self, body: &mut Body) -> Result<Progress> {
+        while !self.errands.is_empty() {
+            self.launch(body)?;
+            self.land(body, true)?;
+        }
+        match self.last {
+            Some(progress) if !self.unseen => Ok(progress),
+            _ => self.poll(body),
+        }
     }
 
     fn poll(&mut self, body: &Body) -> Result<Progress> {

@@ -1,20 +1,15 @@
 //! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
 
 use super::Scene;
-use super::motion::{Mover, Pull, damping_to_bear, step_of};
-use crate::cage::{Cage, CageKind, CageReport, Embedding};
-use crate::gpu::{Gpu, Recorder};
+use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
+use crate::cage::{Cage, CageKind, Carried};
+use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::grid::GridBody;
-use crate::physics::{
-    Body, HeldEnd, Material, Nodes, SolverKind, SpringNetwork, largest_stable_step,
-};
+use crate::physics::grid::{GpuGrid, GridBody};
+use crate::physics::{Body, GpuTets, Material, Simulator, SolverKind, SpringNetwork};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
-
-/// An end that was chosen to be held, and the number of the body's pieces.
-type Chosen = (HeldEnd, usize);
 
 /// Nodes where nothing is said.
 const NODES: usize = 2000;
@@ -39,37 +34,6 @@ pub struct CageEntry {
     pub damping: Option<f64>,
 }
 
-/// What carries the mesh of a scene.
-#[derive(Debug)]
-pub(super) struct Caged {
-    /// The cage's own mesh, at rest.
-    pub mesh: TetMesh,
-    pub report: CageReport,
-    embedding: Embedding,
-}
-
-impl Caged {
-    /// The nodes of the fine mesh.
-    pub fn nodes(&self) -> &Nodes {
-        self.embedding.nodes()
-    }
-
-    /// Records the carrying of the mesh, where the cage has moved.
-    pub fn carry(&mut self, work: &mut Recorder, cage: &Nodes) {
-        self.embedding.record(work, cage);
-    }
-
-    /// Vectors at the nodes of the mesh, of those at the nodes of the cage.
-    pub fn carried(&self, cage: &[DVec3]) -> Result<Vec<DVec3>> {
-        self.embedding.carry(cage)
-    }
-
-    /// Grabs reach at least this far, so that they find a node of the cage.
-    pub fn reach(&self) -> f64 {
-        0.51 * DVec3::from(self.report.spacing).length()
-    }
-}
-
 /// Nodes by number, as a flag each.
 fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
     let mut flags = vec![false; count];
@@ -80,16 +44,16 @@ fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
 }
 
 impl Scene {
-    /// The body of a cage around `mesh` made of `material`, its step, and what it carries.
-    pub(super) fn caged_mover(
+    /// A cage around `mesh` made of `material`, which carries it.
+    pub(super) fn caged_simulator(
         &self,
         gpu: &Gpu,
         entry: &CageEntry,
         kind: SolverKind,
-        mesh: &TetMesh,
+        mesh: TetMesh,
         material: &Material,
         notes: &mut Vec<String>,
-    ) -> Result<(Mover, Pull, Caged)> {
+    ) -> Result<Setup> {
         let form = entry.kind.unwrap_or_default();
         if form == CageKind::Grid && kind != SolverKind::Verlet {
             return Err(Error::Input(format!(
@@ -106,21 +70,21 @@ impl Scene {
                 "a mesh that a cage carries cannot be cut; leave [cage] or [[cut]] out".into(),
             ));
         }
-        let fine = SpringNetwork::new(mesh, material)?;
-        let mut cage = Cage::new(mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
-        let (held, end) = self.held(mesh, &fine)?;
+        let fine = SpringNetwork::new(&mesh, material)?;
+        let mut cage = Cage::new(&mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
+        let (held, end) = self.held(&mesh, &fine)?;
         let mut own = Vec::new();
         for nodes in &held {
             own.extend(cage.nodes_for(nodes));
         }
         let fine_pinned = flags(&held.concat(), mesh.nodes.len());
         let pinned = flags(&own, cage.mesh.nodes.len());
-        let forces = self.forces(mesh)?;
+        let forces = self.forces(&mesh, &fine.masses)?;
         // The step of an explicit scheme is not known yet; the load is one for implicit ones then.
         let dt = step_of(self.solver.dt, None, notes);
         let implicit = SolverKind::Implicit;
-        let fine_held = (&fine, fine_pinned.as_slice());
-        let mut pull = self.pull(implicit, fine_held, end, forces.as_deref(), dt, notes);
+        let fine_held = Some((&fine, fine_pinned.as_slice()));
+        let pull = self.pull(implicit, fine_held, end, forces.as_deref(), dt, notes);
         let gravity = pull.gravity;
         let load = forces.as_ref().map(|forces| -> Vec<DVec3> {
             let both = forces.iter().zip(&fine.masses);
@@ -135,19 +99,14 @@ impl Scene {
             report.fitted
         ));
         let forces = forces.map(|f| cage.transfer().gather(&f)).transpose()?;
-        let (mover, dt) = match cage.grid.take() {
+        let grid = cage.grid.is_some();
+        let mut inner: Box<dyn Simulator> = match cage.grid.take() {
             Some(mut model) => {
                 model.damping = entry.damping.unwrap_or(model.damping);
-                let (rate, limit) = (model.damping, model.stable_step());
+                let rate = model.damping;
                 let mut body = GridBody::new(gpu, model)?;
                 body.set_damping(rate)?;
-                body.pin_nodes(&own);
-                body.set_gravity(gravity);
-                if let Some(forces) = &forces {
-                    body.set_forces(forces)?;
-                }
-                let dt = step_of(self.solver.dt, Some(limit), notes);
-                (Mover::Grid(Box::new(body)), dt)
+                Box::new(GpuGrid::new(gpu, body, cage.mesh.clone()))
             }
             None => {
                 let mut network = cage.network.clone();
@@ -158,35 +117,33 @@ impl Scene {
                         notes.push(said);
                     }
                 }
-                let mut body = Body::of_network(gpu, &cage.mesh, network, material)?;
-                body.pin_nodes(&own)?;
-                body.set_gravity(gravity);
-                if let Some(forces) = &forces {
-                    body.set_forces(forces)?;
-                }
-                let limit = match self.solver.dt {
-                    Some(_) => None,
-                    None => largest_stable_step(body.network(), body.pinned(), kind),
-                };
-                let dt = match kind == implicit {
-                    true => pull.dt,
-                    false => step_of(self.solver.dt, limit, notes),
-                };
+                let body = Body::of_network(gpu, &cage.mesh, network, material)?;
                 let solver = self.solver_of(gpu, kind, &body)?;
-                (Mover::Tets(Box::new(body), solver), dt)
+                Box::new(GpuTets::of_body(cage.mesh.clone(), body, solver)?)
             }
         };
-        if kind != implicit {
-            pull.dt = dt;
+        inner.pin_nodes(&own)?;
+        inner.loads_mut().set_gravity(gravity);
+        if let Some(forces) = &forces {
+            inner.set_forces(forces)?;
         }
-        let transfer = cage.transfer().clone();
-        let embedding = Embedding::with_transfer(gpu, transfer, mover.nodes(), mesh)?;
-        let caged = Caged {
-            mesh: cage.mesh,
-            report,
-            embedding,
+        let dt = match kind == implicit {
+            true => pull.dt,
+            false => {
+                let limit = match self.solver.dt {
+                    Some(_) => None,
+                    None => inner.largest_stable_step(),
+                };
+                step_of(self.solver.dt, limit, notes)
+            }
         };
-        Ok((mover, pull, caged))
+        Ok(Setup {
+            simulator: Box::new(Carried::new(gpu, mesh, cage, inner)?),
+            dt,
+            cage: Some(report),
+            grid,
+            reach: pull.reach,
+        })
     }
 
     /// The nodes of `mesh` that each pin holds; without any pin, one end, which is returned too
@@ -200,7 +157,7 @@ impl Scene {
             let held = self.pin.iter().map(|region| region.nodes(mesh));
             return Ok((held.collect::<Result<_>>()?, None));
         }
-        let (end, pieces) = self.held_end(fine);
+        let (end, pieces) = self.held_end_of(fine);
         Ok((vec![end.nodes.clone()], Some((end, pieces))))
     }
 }

@@ -5,11 +5,10 @@
 //! they are made again, which gives the mesh, the springs, the skins and the lists for drawing
 //! as they were.
 
-use super::stage::{Actor, Stage};
-use super::{Mover, Run, Scene};
+use super::stage::{Drive, Stage};
+use super::{Run, Scene};
 use crate::mesh::{Blade, TetMesh};
-use crate::physics::grid::GridState;
-use crate::physics::{BodyState, GrabId, Progress, SolverState};
+use crate::physics::{GrabId, Pose, Progress, SimulatorState};
 use crate::scene::sleep::Sleep;
 use crate::{Error, Result};
 use flate2::Crc;
@@ -21,14 +20,6 @@ use std::path::Path;
 /// The first line of the file: what it is, and the version of Palpate that wrote it. Another
 /// version steps and cuts in its own way.
 const FIRST_LINE: &str = concat!("palpate checkpoint 1 ", env!("CARGO_PKG_VERSION"), "\n");
-
-/// Where the body stood when a blade fell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Pose {
-    positions: Vec<[f32; 4]>,
-    /// Of a grid body.
-    normals: Vec<u32>,
-}
 
 /// A cut that was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -54,13 +45,6 @@ impl Journal {
     }
 }
 
-/// The body and its solver.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-enum MoverState {
-    Tets(BodyState, SolverState),
-    Grid(GridState),
-}
-
 /// How far a simulation came, and all that its next steps depend on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
@@ -70,13 +54,13 @@ pub struct Checkpoint {
     run: Option<Run>,
     times: Vec<f64>,
     cuts: Vec<CutMade>,
-    /// Of each blade, the time up to which it has cut.
-    knives: Vec<Option<f64>>,
-    hands: Vec<(Option<GrabId>, bool)>,
+    /// Of each cutter, the time up to which it has cut.
+    cutters: Vec<Option<f64>>,
+    attachments: Vec<(Option<GrabId>, bool)>,
     sleep: Sleep,
     progress: Option<Progress>,
     dt: f64,
-    mover: MoverState,
+    simulator: SimulatorState,
 }
 
 impl Checkpoint {
@@ -201,7 +185,7 @@ impl Stage {
     pub fn keep_checkpoints(&mut self) {
         self.journal = Some(Journal {
             scene: of_scene(&self.scene),
-            mesh: of_mesh(&self.mesh),
+            mesh: of_mesh(self.mesh()),
             cuts: Vec::new(),
         });
     }
@@ -212,7 +196,7 @@ impl Stage {
     /// [`Error::Input`] where nothing moves, or [`Stage::keep_checkpoints`] was not called;
     /// otherwise what reading back gives.
     pub fn checkpoint(&self, times: &[f64]) -> Result<Checkpoint> {
-        let (Some(journal), Actor::Moving(motion)) = (&self.journal, &self.actor) else {
+        let (Some(journal), Drive::Simulated(motion)) = (&self.journal, &self.drive) else {
             return Err(Error::Input(
                 "a checkpoint is of a simulation that keeps them from its first step on".into(),
             ));
@@ -224,15 +208,16 @@ impl Stage {
             run: self.scene.solver.run,
             times: times.to_vec(),
             cuts: journal.cuts.clone(),
-            knives: self.knives.iter().map(|k| k.cut).collect(),
-            hands: motion.hands.iter().map(|h| (h.grab, h.done)).collect(),
+            cutters: self.cutters.iter().map(|c| c.cut).collect(),
+            attachments: motion
+                .attachments
+                .iter()
+                .map(|a| (a.grab, a.done))
+                .collect(),
             sleep: motion.sleep,
             progress: motion.progress,
             dt: motion.dt,
-            mover: match &motion.body {
-                Mover::Tets(body, solver) => MoverState::Tets(body.state()?, solver.state()?),
-                Mover::Grid(body) => MoverState::Grid(body.state()?),
-            },
+            simulator: motion.simulator.state()?,
         })
     }
 
@@ -263,58 +248,37 @@ impl Stage {
         for cut in &checkpoint.cuts {
             let edges: Vec<[DVec3; 2]> = cut.edges.iter().map(|e| e.map(DVec3::from)).collect();
             let blade = Blade::swept(&edges)?;
-            self.take_pose(&cut.pose)?;
+            if let Drive::Simulated(motion) = &mut self.drive {
+                motion.simulator.set_pose(&cut.pose)?;
+            }
             self.cut(&blade)?;
         }
-        let Actor::Moving(motion) = &mut self.actor else {
+        let Drive::Simulated(motion) = &mut self.drive else {
             return other("kind: nothing moves in this scene");
         };
-        let fits = motion.hands.len() == checkpoint.hands.len()
-            && self.knives.len() == checkpoint.knives.len()
+        let fits = motion.attachments.len() == checkpoint.attachments.len()
+            && self.cutters.len() == checkpoint.cutters.len()
             && motion.dt == checkpoint.dt;
         if !fits {
             return other("scene: grabs, cuts and step size are not the same");
         }
-        for (knife, cut) in self.knives.iter_mut().zip(&checkpoint.knives) {
-            knife.cut = *cut;
+        for (cutter, cut) in self.cutters.iter_mut().zip(&checkpoint.cutters) {
+            cutter.cut = *cut;
         }
-        for (hand, (grab, done)) in motion.hands.iter_mut().zip(&checkpoint.hands) {
-            (hand.grab, hand.done) = (*grab, *done);
+        let attachments = motion.attachments.iter_mut();
+        for (attachment, (grab, done)) in attachments.zip(&checkpoint.attachments) {
+            (attachment.grab, attachment.done) = (*grab, *done);
         }
-        match (&mut motion.body, &checkpoint.mover) {
-            (Mover::Tets(body, solver), MoverState::Tets(state, stepping)) => {
-                body.set_state(state)?;
-                solver.set_state(body, stepping)?;
-            }
-            (Mover::Grid(body), MoverState::Grid(state)) => body.set_state(state)?,
-            _ => return other("kind of body"),
-        }
+        motion.simulator.set_state(&checkpoint.simulator)?;
         motion.sleep = checkpoint.sleep;
         motion.progress = checkpoint.progress;
-        self.still = None;
+        self.cached = None;
         Ok(())
     }
 
     /// Where the body stands, as a cut finds it.
     pub(super) fn pose_now(&self) -> Result<Option<Pose>> {
-        let Actor::Moving(motion) = &self.actor else {
-            return Ok(None);
-        };
-        let positions = self.gpu.read_array(motion.body.nodes().array())?;
-        let normals = match &motion.body {
-            Mover::Tets(..) => Vec::new(),
-            Mover::Grid(body) => self.gpu.read_array(body.normals())?,
-        };
-        Ok(Some(Pose { positions, normals }))
-    }
-
-    fn take_pose(&mut self, pose: &Pose) -> Result<()> {
-        match &mut self.actor {
-            Actor::Posed(_) => Ok(()),
-            Actor::Moving(motion) => match &mut motion.body {
-                Mover::Tets(body, _) => body.stand_at(&pose.positions),
-                Mover::Grid(body) => body.stand_at(&pose.positions, &pose.normals),
-            },
-        }
+        let motion = self.motion();
+        motion.map(|motion| motion.simulator.pose()).transpose()
     }
 }

@@ -1,6 +1,6 @@
 //! What pulls a body, how fast and how far, where a scene does not say: from its stiffness.
 
-use super::motion::GRAVITY;
+use super::simulator::GRAVITY;
 use crate::cage::Compliance;
 use crate::mesh::bounds;
 use crate::physics::{SolverKind, SpringNetwork};

@@ -4,7 +4,7 @@ use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
 use crate::gpu::Gpu;
-use crate::physics::{Energy, Report};
+use crate::physics::{Energy, Engine, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use web_time::Instant;
@@ -14,6 +14,8 @@ use web_time::Instant;
 pub struct StageReport {
     /// The graphics adapter.
     pub adapter: String,
+    /// What computes the steps, `gpu` or `cpu`; none where nothing moves.
+    pub engine: Option<Engine>,
     /// Tets of the mesh.
     pub tets: usize,
     /// Nodes of the mesh.
@@ -86,7 +88,7 @@ impl Stage {
         let frames = frames.max(1);
         let passes_recorded = self.gpu.passes_recorded();
         let [pictures_drawn, pictures_kept] = self.pictures;
-        let state = self.motion().map(|m| m.report(&self.mesh)).transpose()?;
+        let state = self.motion().map(Motion::report).transpose()?;
         let picture = self.raycaster.report(&self.camera, self.size)?;
         let cg = self.motion().and_then(|m| m.progress()).and_then(|p| {
             (p.last.iterations > 0).then_some(CgReport {
@@ -95,7 +97,7 @@ impl Stage {
             })
         });
         let time = self.time();
-        let bounds = self.mesh.bounds();
+        let bounds = self.mesh().bounds();
         let asleep = self.motion().is_some_and(Motion::asleep);
         let steps_slept = self.motion().map_or(0, Motion::steps_slept);
         // What is measured is done.
@@ -113,8 +115,9 @@ impl Stage {
         }
         Ok(StageReport {
             adapter: self.gpu.adapter_name(),
-            tets: self.mesh.tets.len(),
-            nodes: self.mesh.nodes.len(),
+            engine: self.motion().map(Motion::engine),
+            tets: self.mesh().tets.len(),
+            nodes: self.mesh().nodes.len(),
             frame_ms,
             frames,
             step_ms,

@@ -29,23 +29,26 @@
 //! size = [1024, 768]
 //! ```
 
+mod attachment;
 mod cage;
 mod checkpoint;
+mod cutter;
 mod grid;
 mod load;
 mod material;
 mod measure;
 mod motion;
+mod path;
 mod picture;
 mod region;
 mod regions;
+mod simulator;
 mod skin;
 mod sleep;
 mod source;
 mod stage;
 #[cfg(test)]
 mod tests;
-mod touch;
 mod words;
 
 pub use cage::CageEntry;
@@ -54,10 +57,10 @@ pub use material::{MaterialEntry, TissueEntry, TissueTable};
 #[cfg(feature = "study")]
 pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};
-pub use motion::{Motion, Mover};
+pub use motion::Motion;
 pub(crate) use picture::SIZE;
 pub use region::{Axis, LabelOrName, Region};
-pub use source::Seen;
+pub use source::ScalarField;
 pub use stage::{STEPS, Stage};
 
 use crate::mesher::{Length, Window};

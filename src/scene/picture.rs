@@ -1,7 +1,7 @@
 //! What a scene says of its picture, made real: camera, what is shown, what draws it.
 
 use super::words::{BACKGROUNDS, MODES, WALKS, unknown};
-use super::{Scene, Seen};
+use super::{ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::Nodes;
@@ -17,7 +17,7 @@ const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
 
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Shown {
+pub(super) enum DisplayMode {
     /// The inside, through the raycaster.
     Inside(Mode),
     /// The lit boundary.
@@ -34,7 +34,7 @@ impl Scene {
         gpu: &Gpu,
         mesh: &TetMesh,
         topology: &Topology,
-        seen: &Seen,
+        seen: &ScalarField,
         nodes: &Nodes,
     ) -> Result<(Raycaster, Surface)> {
         let (positions, frame) = (nodes.array(), nodes.frame());
@@ -50,7 +50,7 @@ impl Scene {
     }
 
     /// The scene's transfer function, or what suits `seen`.
-    pub(crate) fn transfer(&self, seen: &Seen) -> Result<TransferFunction> {
+    pub(crate) fn transfer(&self, seen: &ScalarField) -> Result<TransferFunction> {
         match self.picture.transfer.as_deref() {
             None => match &seen.transfer {
                 Some(own) => Ok(own.clone()),
@@ -95,15 +95,15 @@ impl Scene {
         }
     }
 
-    pub(super) fn shown(&self) -> Result<Shown> {
+    pub(super) fn display_mode(&self) -> Result<DisplayMode> {
         match self.picture.mode.as_deref() {
-            None | Some("composite") => Ok(Shown::Inside(Mode::Composite)),
-            Some("thickness") => Ok(Shown::Inside(Mode::Thickness)),
-            Some("surface") => Ok(Shown::Surface),
+            None | Some("composite") => Ok(DisplayMode::Inside(Mode::Composite)),
+            Some("thickness") => Ok(DisplayMode::Inside(Mode::Thickness)),
+            Some("surface") => Ok(DisplayMode::Surface),
             Some("skin") if self.skin.is_empty() => Err(Error::Input(
                 "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),
             )),
-            Some("skin") => Ok(Shown::Skin),
+            Some("skin") => Ok(DisplayMode::Skin),
             Some(other) => Err(unknown("mode", &MODES, other)),
         }
     }

@@ -1,9 +1,8 @@
 //! A scene's skins: read, and bound to the body.
 
-use super::stage::Actor;
-use super::{Mover, SkinEntry};
+use super::SkinEntry;
+use super::stage::Drive;
 use crate::gpu::Gpu;
-use crate::mesh::TetMesh;
 use crate::mesher::{Labels, Recipe};
 use crate::render::TransferFunction;
 use crate::skin::{Carrier, Map, Skin, SkinColour};
@@ -49,14 +48,16 @@ impl SkinEntry {
     }
 }
 
-/// What carries the skins of a body: its boundary, with the normals that its mover makes, or
-/// those of the faces around a node.
-pub(super) fn carrier(gpu: &Gpu, mesh: &TetMesh, actor: &mut Actor) -> Result<Carrier> {
-    if let Actor::Moving(motion) = actor
-        && let Mover::Grid(body) = &mut motion.body
-    {
-        return Carrier::of_grid(body);
+/// What carries the skins of a body: its boundary, with the normals that its steps make, or those
+/// of the faces around a node.
+pub(super) fn carrier(gpu: &Gpu, drive: &mut Drive) -> Result<Carrier> {
+    let normals = match drive {
+        Drive::Simulated(motion) => motion.simulator.normals()?,
+        Drive::Posed(_) => None,
+    };
+    let (nodes, mesh) = (drive.nodes(), drive.mesh());
+    match normals {
+        Some((normals, at_rest)) => Carrier::with_normals(nodes, mesh, &normals, &at_rest),
+        None => Carrier::of_mesh(gpu, mesh, nodes.array(), nodes.frame()),
     }
-    let nodes = actor.nodes();
-    Carrier::of_mesh(gpu, mesh, nodes.array(), nodes.frame())
 }

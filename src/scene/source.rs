@@ -3,7 +3,7 @@
 use super::regions::Regions;
 use super::{LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
-use crate::mesh::{Field, Location, TetMesh, Topology, depth_field, generate};
+use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
 use crate::mesher::{Labels, Recipe, Size};
 use crate::render::{Scalars, TransferFunction};
 use crate::{Error, Result};
@@ -79,7 +79,7 @@ impl MeshSource {
 
 /// The scalar that a picture shows, one value a node.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct ScalarField {
     /// Its name.
     pub name: String,
     /// One value a node.
@@ -95,14 +95,19 @@ pub struct Seen {
     pub transfer: Option<TransferFunction>,
 }
 
-impl Seen {
+impl ScalarField {
     /// The regions that `field` says, by number from 0, with their colours; `unasked` says what
     /// else could be seen.
-    fn regions(mesh: &TetMesh, topology: &Topology, field: &Field, unasked: bool) -> Result<Seen> {
+    fn regions(
+        mesh: &TetMesh,
+        topology: &Topology,
+        field: &Field,
+        unasked: bool,
+    ) -> Result<ScalarField> {
         let regions = Regions::new(mesh, topology, field)?;
         let also = first_scalar(mesh).filter(|_| unasked);
         let also = also.map(|f| format!("; --field \"{}\" shows that scalar", f.name));
-        Ok(Seen {
+        Ok(ScalarField {
             name: field.name.clone(),
             values: means_around_nodes(mesh, &regions.numbers),
             range: (0.0, (regions.count - 1) as f64),
@@ -110,6 +115,18 @@ impl Seen {
             note: Some(regions.legend + also.as_deref().unwrap_or("")),
             transfer: Some(regions.transfer),
         })
+    }
+
+    /// Follows a cut of the mesh: doubles have the values of the nodes they come from.
+    pub(super) fn follow(&mut self, cut: &TetCut) {
+        for [_, from] in &cut.doubled {
+            self.values.push(self.values[*from as usize]);
+        }
+        if let Some(cells) = self.cells.as_mut().filter(|_| !cut.removed.is_empty()) {
+            let mut gone = cut.removed.iter().peekable();
+            let mut t = 0..;
+            cells.retain(|_| gone.next_if_eq(&&t.next().unwrap_or(u32::MAX)).is_none());
+        }
     }
 
     /// The values, as a geometry takes them.
@@ -130,7 +147,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Input`] listing the fields when the one named does not exist or is not finite.
-    pub fn seen(&self, mesh: &TetMesh, topology: &Topology) -> Result<Seen> {
+    pub fn scalar_field(&self, mesh: &TetMesh, topology: &Topology) -> Result<ScalarField> {
         let plain = self.picture.transfer.is_none();
         let regions = || mesh.region_field();
         let found = || match plain {
@@ -148,7 +165,7 @@ impl Scene {
             },
         };
         if plain && mesh.says_regions(&field) {
-            return Seen::regions(mesh, topology, &field, self.picture.field.is_none());
+            return ScalarField::regions(mesh, topology, &field, self.picture.field.is_none());
         }
         let scalars = tuple_lengths(&field);
         let (values, cells) = match field.location {
@@ -168,7 +185,7 @@ impl Scene {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
                 (a.min(*v), b.max(*v))
             });
-        Ok(Seen {
+        Ok(ScalarField {
             name: field.name,
             values,
             cells,

@@ -1,10 +1,11 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
 use super::checkpoint::Journal;
-use super::picture::{SIZE, Shown};
+use super::cutter::Cutter;
+use super::picture::{DisplayMode, SIZE};
 use super::skin::carrier;
-use super::touch::Knife;
-use super::{Motion, Scene, Seen};
+use super::{Motion, ScalarField, Scene};
+use crate::Result;
 use crate::gpu::{Gpu, Recorder};
 use crate::io::PvdSeries;
 use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
@@ -14,7 +15,6 @@ use crate::render::{
     Background, BitDepth, Camera, Image, Mode, Pick, Raycaster, Surface, SurfaceTarget, Target,
 };
 use crate::skin::{Composer, Skin};
-use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
 /// Steps before a picture where a scene names a solver but no number of steps.
@@ -23,19 +23,17 @@ pub const STEPS: u32 = 50;
 /// A scene ready to be moved and drawn.
 pub struct Stage {
     pub(super) gpu: Gpu,
-    pub(super) mesh: TetMesh,
-    pub(super) actor: Actor,
+    pub(super) drive: Drive,
     pub(super) raycaster: Raycaster,
     pub(super) surface: Surface,
     pub(super) camera: Camera,
     pub(super) size: [u32; 2],
-    pub(super) shown: Shown,
-    pub(super) topology: Topology,
-    pub(super) seen: Seen,
+    pub(super) mode: DisplayMode,
+    pub(super) scalars: ScalarField,
     pub(super) scene: Scene,
     pub(super) skins: Vec<Skin>,
     pub(super) composer: Composer,
-    pub(super) knives: Vec<Knife>,
+    pub(super) cutters: Vec<Cutter>,
     /// What checkpoints need, where they are kept.
     pub(super) journal: Option<Journal>,
     pub(super) background: Background,
@@ -43,7 +41,7 @@ pub struct Stage {
     pub(super) steps: u32,
     pub(super) drawn_version: u64,
     /// The last picture, as long as nothing has changed since.
-    pub(super) still: Option<Still>,
+    pub(super) cached: Option<CachedFrame>,
     /// Pictures drawn, and those for which the last one stood.
     pub(super) pictures: [u64; 2],
     pub(super) depth: Option<wgpu::TextureView>,
@@ -51,25 +49,48 @@ pub struct Stage {
 }
 
 /// A picture and what it shows.
-pub(super) struct Still {
+pub(super) struct CachedFrame {
     version: u64,
     camera: Camera,
     image: Image,
 }
 
-/// Who moves the nodes.
-pub(super) enum Actor {
-    /// Nobody, or the caller, pose by pose.
-    Posed(Box<Nodes>),
-    /// A solver.
-    Moving(Box<Motion>),
+/// What moves the nodes.
+pub(super) enum Drive {
+    /// Nothing, or the caller, pose by pose.
+    Posed(Box<Posed>),
+    /// A simulator.
+    Simulated(Box<Motion>),
 }
 
-impl Actor {
-    pub(super) fn nodes(&self) -> &Nodes {
+/// A mesh that nothing moves but the caller.
+pub(super) struct Posed {
+    mesh: TetMesh,
+    topology: Topology,
+    nodes: Nodes,
+}
+
+impl Drive {
+    pub fn nodes(&self) -> &Nodes {
         match self {
-            Actor::Posed(nodes) => nodes,
-            Actor::Moving(motion) => motion.drawn_nodes(),
+            Drive::Posed(posed) => &posed.nodes,
+            Drive::Simulated(motion) => motion.simulator.nodes(),
+        }
+    }
+
+    /// The mesh at rest.
+    pub fn mesh(&self) -> &TetMesh {
+        match self {
+            Drive::Posed(posed) => &posed.mesh,
+            Drive::Simulated(motion) => motion.simulator.mesh(),
+        }
+    }
+
+    /// The neighbours in that mesh.
+    pub fn topology(&self) -> &Topology {
+        match self {
+            Drive::Posed(posed) => &posed.topology,
+            Drive::Simulated(motion) => motion.simulator.topology(),
         }
     }
 }
@@ -105,59 +126,62 @@ impl Stage {
         shape: Option<GridShape>,
     ) -> Result<Stage> {
         let mut notes = mesh.repairs.warnings.clone();
-        let topology = Topology::new(&mesh);
-        let seen = scene.seen(&mesh, &topology)?;
-        notes.extend(seen.note.clone());
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
-        let actor = match solver.transpose()? {
+        let solver = solver.transpose()?;
+        let still = "nothing moves, so grabs and cuts are passed over: name a solver";
+        if solver.is_none() && !(scene.grab.is_empty() && scene.cut.is_empty()) {
+            notes.push(still.into());
+        }
+        let (drive, said) = match solver {
             None => {
-                if !(scene.grab.is_empty() && scene.cut.is_empty()) {
-                    notes.push(
-                        "nothing moves, so grabs and cuts are passed over: name a solver".into(),
-                    );
-                }
-                Actor::Posed(Box::new(Nodes::new(gpu, &mesh)?))
+                let posed = Posed {
+                    topology: Topology::new(&mesh),
+                    nodes: Nodes::new(gpu, &mesh)?,
+                    mesh,
+                };
+                (Drive::Posed(Box::new(posed)), Vec::new())
             }
             Some(kind) => {
-                let (motion, said) = Motion::new(gpu, scene, kind, &mesh, shape)?;
-                notes.extend(said);
-                Actor::Moving(Box::new(motion))
+                let (motion, said) = Motion::new(gpu, scene, kind, mesh, shape)?;
+                (Drive::Simulated(Box::new(motion)), said)
             }
         };
-        let (raycaster, surface) = scene.painters(gpu, &mesh, &topology, &seen, actor.nodes())?;
+        let (mesh, topology) = (drive.mesh(), drive.topology());
+        let scalars = scene.scalar_field(mesh, topology)?;
+        notes.extend(scalars.note.clone());
+        notes.extend(said);
+        let (raycaster, surface) = scene.painters(gpu, mesh, topology, &scalars, drive.nodes())?;
         let size = scene.picture.size.unwrap_or(SIZE);
-        let reach = match &actor {
-            Actor::Moving(motion) => motion.reach.as_ref(),
-            Actor::Posed(_) => None,
+        let reach = match &drive {
+            Drive::Simulated(motion) => motion.reach.as_ref(),
+            Drive::Posed(_) => None,
         };
         let points = reach.unwrap_or(&mesh.nodes);
         let mut stage = Stage {
             gpu: gpu.clone(),
-            camera: scene.camera(&mesh, points, size)?,
+            camera: scene.camera(mesh, points, size)?,
             size,
-            shown: scene.shown()?,
+            mode: scene.display_mode()?,
             background: scene.background()?,
             bits: scene.bits()?,
             steps: scene.solver.steps.unwrap_or(STEPS),
-            drawn_version: actor.nodes().version(),
-            still: None,
+            drawn_version: drive.nodes().version(),
+            cached: None,
             pictures: [0; 2],
             depth: None,
             composer: Composer::new(gpu, scene.compose_options())?,
-            knives: scene.cut.iter().map(Knife::new).collect::<Result<_>>()?,
+            cutters: scene.cut.iter().map(Cutter::new).collect::<Result<_>>()?,
             journal: None,
             skins: Vec::new(),
             scene: scene.clone(),
-            topology,
-            seen,
-            mesh,
-            actor,
+            scalars,
+            drive,
             raycaster,
             surface,
             notes,
         };
         if !scene.skin.is_empty() {
-            let carrier = carrier(gpu, &stage.mesh, &mut stage.actor)?;
+            let carrier = carrier(gpu, &mut stage.drive)?;
             for entry in &scene.skin {
                 let (skin, notes) = entry.put_on(gpu, &carrier)?;
                 stage.skins.push(skin);
@@ -179,12 +203,12 @@ impl Stage {
 
     /// The mesh at rest.
     pub fn mesh(&self) -> &TetMesh {
-        &self.mesh
+        self.drive.mesh()
     }
 
     /// The scalar that is seen.
-    pub fn seen(&self) -> &Seen {
-        &self.seen
+    pub fn scalar_field(&self) -> &ScalarField {
+        &self.scalars
     }
 
     /// The view.
@@ -202,13 +226,13 @@ impl Stage {
             let positions = self.positions()?;
             // Grids have nodes of no tet, which are never seen and may be anywhere.
             let mut seen = vec![false; positions.len()];
-            for v in self.mesh.tets.iter().flatten() {
+            for v in self.mesh().tets.iter().flatten() {
                 seen[*v as usize] = true;
             }
             let seen = positions.iter().zip(&seen).filter(|(_, seen)| **seen);
             let mut points: Vec<DVec3> = seen.map(|(x, _)| *x).collect();
             points.extend_from_slice(also);
-            self.camera = self.scene.camera(&self.mesh, &points, self.size)?;
+            self.camera = self.scene.camera(self.mesh(), &points, self.size)?;
         }
         Ok(())
     }
@@ -216,22 +240,22 @@ impl Stage {
     /// Draws pictures of this size from now on.
     pub fn set_size(&mut self, size: [u32; 2]) {
         self.size = size;
-        self.still = None;
+        self.cached = None;
     }
 
     /// The body and its solver, if the scene has one.
     pub fn motion(&self) -> Option<&Motion> {
-        match &self.actor {
-            Actor::Posed(_) => None,
-            Actor::Moving(motion) => Some(motion),
+        match &self.drive {
+            Drive::Posed(_) => None,
+            Drive::Simulated(motion) => Some(motion),
         }
     }
 
     /// As [`Stage::motion`], to push and pull the body.
     pub fn motion_mut(&mut self) -> Option<&mut Motion> {
-        match &mut self.actor {
-            Actor::Posed(_) => None,
-            Actor::Moving(motion) => Some(motion),
+        match &mut self.drive {
+            Drive::Posed(_) => None,
+            Drive::Simulated(motion) => Some(motion),
         }
     }
 
@@ -252,11 +276,11 @@ impl Stage {
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
         let mut done = 0;
         while done < steps {
-            let Actor::Moving(motion) = &mut self.actor else {
+            let Drive::Simulated(motion) = &mut self.drive else {
                 return Ok(());
             };
             let time = motion.time();
-            let pace = self.knives.iter().filter_map(|k| k.pace(time));
+            let pace = self.cutters.iter().filter_map(|k| k.pace(time));
             let some = match pace.min_by(f64::total_cmp) {
                 None => steps - done,
                 Some(pace) => ((pace / motion.dt).ceil() as u32).clamp(1, steps - done),
@@ -265,7 +289,7 @@ impl Stage {
             done += some;
             let time = motion.time();
             let blades: Vec<Blade> = self
-                .knives
+                .cutters
                 .iter_mut()
                 .filter_map(|k| k.swept(time))
                 .collect();
@@ -281,26 +305,24 @@ impl Stage {
     /// # Errors
     /// As [`Nodes::set_positions`].
     pub fn pose(&mut self, positions: &[DVec3]) -> Result<()> {
-        match &mut self.actor {
-            Actor::Posed(nodes) => nodes.set_positions(positions),
-            Actor::Moving(motion) if motion.caged.is_some() => Err(Error::Input(
-                "a mesh that a cage carries stands where its cage has it; leave [cage] out to pose it".into(),
-            )),
-            Actor::Moving(motion) => motion.body.set_positions(positions),
+        match &mut self.drive {
+            Drive::Posed(posed) => posed.nodes.set_positions(positions),
+            Drive::Simulated(motion) => motion.simulator.set_positions(positions),
         }
     }
 
-    /// Brings the mesh to where its cage is, and tells the raycaster if the nodes may have moved
-    /// since it last drew.
-    pub(super) fn notice_moves(&mut self, work: &mut Recorder) {
-        if let Actor::Moving(motion) = &mut self.actor {
-            motion.carry(work);
+    /// Brings the nodes that are drawn to where the body is, and tells the raycaster if they may
+    /// have moved since it last drew.
+    pub(super) fn notice_moves(&mut self, work: &mut Recorder) -> Result<()> {
+        if let Drive::Simulated(motion) = &mut self.drive {
+            motion.simulator.publish(work)?;
         }
-        let version = self.actor.nodes().version();
+        let version = self.drive.nodes().version();
         if version != self.drawn_version {
             self.drawn_version = version;
             self.raycaster.geometry_mut().moved();
         }
+        Ok(())
     }
 
     /// What is seen of the body's boundary at the point `pixel` of the picture, where the body is
@@ -321,18 +343,18 @@ impl Stage {
     /// As [`Raycaster::image`].
     pub fn image(&mut self) -> Result<Image> {
         let mut work = self.gpu.record();
-        self.notice_moves(&mut work);
+        self.notice_moves(&mut work)?;
         work.submit()?;
         let version = self.drawn_version;
-        if let Some(still) = &self.still
-            && (still.version, still.camera) == (version, self.camera)
+        if let Some(cached) = &self.cached
+            && (cached.version, cached.camera) == (version, self.camera)
         {
             self.pictures[1] += 1;
-            return Ok(still.image.clone());
+            return Ok(cached.image.clone());
         }
         let image = self.draw()?;
         self.pictures[0] += 1;
-        self.still = Some(Still {
+        self.cached = Some(CachedFrame {
             version,
             camera: self.camera,
             image: image.clone(),
@@ -341,15 +363,15 @@ impl Stage {
     }
 
     fn draw(&mut self) -> Result<Image> {
-        match self.shown {
-            Shown::Inside(Mode::Composite) if !self.skins.is_empty() => {
+        match self.mode {
+            DisplayMode::Inside(Mode::Composite) if !self.skins.is_empty() => {
                 let inside = Some(&mut self.raycaster);
                 let skins = &mut self.skins;
                 self.composer.image(skins, inside, &self.camera, self.size)
             }
-            Shown::Inside(mode) => self.raycaster.image(&self.camera, self.size, mode),
-            Shown::Surface => self.surface.image(&self.camera, self.size),
-            Shown::Skin => {
+            DisplayMode::Inside(mode) => self.raycaster.image(&self.camera, self.size, mode),
+            DisplayMode::Surface => self.surface.image(&self.camera, self.size),
+            DisplayMode::Skin => {
                 let skins = &mut self.skins;
                 self.composer.image(skins, None, &self.camera, self.size)
             }
@@ -362,7 +384,7 @@ impl Stage {
     /// # Errors
     /// As [`Raycaster::record`].
     pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
-        self.notice_moves(work);
+        self.notice_moves(work)?;
         let background = Some([0.0, 0.0, 0.0, 1.0]);
         let target = Target {
             colour,
@@ -370,14 +392,14 @@ impl Stage {
             background,
         };
         let (camera, skins) = (&self.camera, &mut self.skins);
-        match self.shown {
-            Shown::Skin => self.composer.record(work, skins, None, camera, &target),
-            Shown::Inside(Mode::Composite) if !skins.is_empty() => {
+        match self.mode {
+            DisplayMode::Skin => self.composer.record(work, skins, None, camera, &target),
+            DisplayMode::Inside(Mode::Composite) if !skins.is_empty() => {
                 let inside = Some(&mut self.raycaster);
                 self.composer.record(work, skins, inside, camera, &target)
             }
-            Shown::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
-            Shown::Surface => {
+            DisplayMode::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
+            DisplayMode::Surface => {
                 let depth = self.depth_for(colour)?;
                 let target = SurfaceTarget {
                     colour,
@@ -417,8 +439,8 @@ impl Stage {
 
     /// The extension that suits the pictures of this stage.
     pub fn picture_extension(&self) -> &'static str {
-        match self.shown {
-            Shown::Inside(Mode::Thickness) => "exr",
+        match self.mode {
+            DisplayMode::Inside(Mode::Thickness) => "exr",
             _ => "png",
         }
     }
@@ -430,7 +452,7 @@ impl Stage {
     /// What reading back gives.
     pub fn deformed_mesh(&self) -> Result<TetMesh> {
         let positions = self.positions()?;
-        let mut mesh = self.mesh.clone();
+        let mut mesh = self.mesh().clone();
         for field in self.motion_fields(&positions)? {
             mesh.set_field(field)?;
         }
@@ -445,25 +467,25 @@ impl Stage {
     pub fn push(&self, series: &mut PvdSeries) -> Result<()> {
         let positions = self.positions()?;
         let fields = self.motion_fields(&positions)?;
-        series.push_deformed(self.time(), &self.mesh, &positions, &fields)
+        series.push_deformed(self.time(), self.mesh(), &positions, &fields)
     }
 
     /// Where the nodes of the mesh are, in file units, read back.
     fn positions(&self) -> Result<Vec<DVec3>> {
-        match &self.actor {
-            Actor::Posed(nodes) => nodes.positions(),
-            Actor::Moving(motion) => motion.positions(),
+        match &self.drive {
+            Drive::Posed(posed) => posed.nodes.positions(),
+            Drive::Simulated(motion) => motion.positions(),
         }
     }
 
     fn motion_fields(&self, positions: &[DVec3]) -> Result<Vec<Field>> {
         let displacements = positions
             .iter()
-            .zip(&self.mesh.nodes)
+            .zip(&self.mesh().nodes)
             .map(|(x, rest)| *x - *rest);
         let mut fields = vec![vector_field("displacement", displacements)];
         if let Some(motion) = self.motion() {
-            let velocities = motion.carried(motion.body.velocities()?)?;
+            let velocities = motion.simulator.velocities()?;
             fields.push(vector_field("velocity", velocities.into_iter()));
         }
         Ok(fields)

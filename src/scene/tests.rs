@@ -56,7 +56,7 @@ fn what_is_seen_is_the_first_quantity_or_the_depth() {
     let seen = |bar: &TetMesh, field: Option<&str>| {
         let mut scene = Scene::default();
         scene.picture.field = field.map(Into::into);
-        scene.seen(bar, &Topology::new(bar))
+        scene.scalar_field(bar, &Topology::new(bar))
     };
     let count = bar.nodes.len();
     let labels = (0..count).map(|i| i as f64).collect();

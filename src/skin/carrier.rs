@@ -4,6 +4,7 @@ use super::binder::triangles_around;
 use super::binding::Base;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
 use crate::mesh::{LocalFrame, TetMesh, Topology};
+use crate::physics::Nodes;
 use crate::physics::grid::GridBody;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -144,14 +145,26 @@ impl Carrier {
     /// # Errors
     /// As [`Carrier::new`] and [`GridBody::rest_normals`].
     pub fn of_grid(body: &mut GridBody) -> Result<Carrier> {
-        let normals = body.rest_normals()?;
-        let mesh = body.mesh();
+        let at_rest = body.rest_normals()?;
+        Carrier::with_normals(body.nodes(), body.mesh(), body.normals(), &at_rest)
+    }
+
+    /// The boundary of `mesh`, whose nodes have the packed `normals` on the GPU, and these at rest.
+    ///
+    /// # Errors
+    /// As [`Carrier::new`].
+    pub fn with_normals(
+        nodes: &Nodes,
+        mesh: &TetMesh,
+        normals: &Array,
+        at_rest: &[u32],
+    ) -> Result<Carrier> {
         Carrier::new(
-            body.nodes().array(),
-            body.nodes().frame(),
-            body.normals(),
+            nodes.array(),
+            nodes.frame(),
+            normals,
             &mesh.nodes,
-            &normals,
+            at_rest,
             &boundary(mesh),
         )
     }

@@ -42,7 +42,7 @@ struct Moved {
 
 fn moved(run: &Run, scene: &Scene, kind: SolverKind, mesh: &TetMesh) -> Result<Moved> {
     let start = Instant::now();
-    let (mut motion, _) = Motion::new(run.gpu, scene, kind, mesh, None)?;
+    let (mut motion, _) = Motion::new(run.gpu, scene, kind, mesh.clone(), None)?;
     motion.let_sleep(false);
     let prepared = start.elapsed().as_secs_f64();
     let pace = SECONDS / f64::from(LOOKS);

@@ -5,7 +5,7 @@ use crate::cage::CageKind;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::SolverKind;
-use crate::scene::{CageEntry, Motion, Mover, Scene};
+use crate::scene::{CageEntry, Motion, Scene};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -247,7 +247,7 @@ impl<'a> Motions<'a> {
             let mut scene = self.scene.clone();
             point.apply(&mut scene);
             scene.solver.dt = None;
-            let made = Motion::new(&self.gpu, &scene, point.solver, &self.mesh, None);
+            let made = Motion::new(&self.gpu, &scene, point.solver, self.mesh.clone(), None);
             let Ok((motion, _)) = made else {
                 continue;
             };
@@ -289,12 +289,12 @@ impl<'a> Motions<'a> {
             .made
             .entry((point.body, point.solver.name()))
             .or_insert_with(|| {
-                let made = Motion::new(gpu, &scene, point.solver, mesh, None);
+                let made = Motion::new(gpu, &scene, point.solver, mesh.clone(), None);
                 made.map(|m| m.0).map_err(|e| e.to_string())
             });
         match made {
             Ok(motion) => {
-                motion.restart(gpu, &scene)?;
+                motion.restart(&scene)?;
                 Ok(Ok(motion))
             }
             Err(why) => Ok(Err(format!("{}: {why}", point.body))),
@@ -349,16 +349,17 @@ impl Trial for Motions<'_> {
 
 /// Visits of springs in the last steps, in millions a step.
 fn visits(motion: &Motion) -> Result<f64> {
-    match &motion.body {
-        Mover::Grid(body) => Ok(18e-6 * body.model().shape.count() as f64),
-        Mover::Tets(body, solver) => {
-            let last = solver.history(body)?;
-            let last = &last[last.len().saturating_sub(PROBE as usize)..];
-            let iterations: f64 = last.iter().map(|s| f64::from(s.iterations)).sum();
-            let each = 3.0 + iterations / last.len().max(1) as f64;
-            Ok(2e-6 * body.network().springs.len() as f64 * each)
-        }
+    let simulator = motion.simulator.as_ref();
+    let simulator = simulator.carrier().unwrap_or(simulator);
+    let springs = simulator.springs().len() as f64;
+    let last = simulator.iterations()?;
+    let last = &last[last.len().saturating_sub(PROBE as usize)..];
+    if simulator.network().is_none() && last.is_empty() {
+        return Ok(2e-6 * springs);
     }
+    let iterations: u32 = last.iter().sum();
+    let each = 3.0 + f64::from(iterations) / last.len().max(1) as f64;
+    Ok(2e-6 * springs * each)
 }
 
 /// Σ |a − b|².

@@ -6,7 +6,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, components};
 use palpate::physics::Grip;
 use palpate::render::Image;
-use palpate::scene::{Mover, Scene, Stage};
+use palpate::scene::{Scene, Stage};
 use palpate::skin::Mapping;
 use std::collections::BTreeSet;
 
@@ -325,12 +325,9 @@ fn grab(gpu: &Gpu, body: Body) -> Vec<Number> {
 
 /// Mass and momentum of the body.
 fn momentum(stage: &Stage) -> (f64, DVec3) {
-    let body = &stage.motion().unwrap().body;
-    let masses = match body {
-        Mover::Tets(body, _) => &body.network().masses,
-        Mover::Grid(body) => &body.model().masses,
-    };
-    let velocities = body.velocities().unwrap();
+    let simulator = &stage.motion().unwrap().simulator;
+    let masses = simulator.masses();
+    let velocities = simulator.velocities().unwrap();
     let momenta = masses.iter().zip(&velocities).map(|(m, v)| *m * *v);
     (masses.iter().sum(), momenta.sum())
 }
@@ -344,36 +341,27 @@ fn blade(x: f64) -> Blade {
 /// Springs and edges of tets that pass through the plane x = `x` at rest: none survives a cut.
 fn crossings(stage: &Stage, x: f64) -> usize {
     let (low, high) = (|p: DVec3| p.x < x - 1e-6, |p: DVec3| p.x > x + 1e-6);
-    match &stage.motion().unwrap().body {
-        Mover::Tets(body, _) => {
-            // A tet body is cut along faces: no spring joins its two pieces.
-            let (piece, count) = components(&Topology::new(stage.mesh()));
-            assert_eq!(count, 2);
-            let mut pieces = vec![BTreeSet::new(); stage.mesh().nodes.len()];
-            for (tet, piece) in stage.mesh().tets.iter().zip(piece) {
-                tet.iter().for_each(|v| {
-                    pieces[*v as usize].insert(piece);
-                });
-            }
-            let springs = body.network().springs.iter();
-            springs
-                .filter(|s| pieces[s.nodes[0] as usize] != pieces[s.nodes[1] as usize])
-                .count()
-        }
-        Mover::Grid(body) => {
-            let model = body.model();
-            let offsets = model.shape.offsets();
-            let springs = model.shape.particles().flat_map(|i| {
-                let kinds =
-                    (0..offsets.len()).filter(move |k| model.springs[i] >> (2 * k) & 1 == 1);
-                kinds.map(move |k| [i, (i as i64 + offsets[k]) as usize])
-            });
-            let places = springs.map(|ends| ends.map(|i| model.shape.place(i)));
-            places
-                .filter(|[a, b]| low(*a) && high(*b) || high(*a) && low(*b))
-                .count()
-        }
+    let simulator = &stage.motion().unwrap().simulator;
+    let springs = simulator.springs();
+    if simulator.network().is_none() {
+        let places = springs
+            .iter()
+            .map(|ends| ends.map(|i| stage.mesh().nodes[i as usize]));
+        return places
+            .filter(|[a, b]| low(*a) && high(*b) || high(*a) && low(*b))
+            .count();
     }
+    // A tet body is cut along faces: no spring joins its two pieces.
+    let (piece, count) = components(&Topology::new(stage.mesh()));
+    assert_eq!(count, 2);
+    let mut pieces = vec![BTreeSet::new(); stage.mesh().nodes.len()];
+    for (tet, piece) in stage.mesh().tets.iter().zip(piece) {
+        tet.iter().for_each(|v| {
+            pieces[*v as usize].insert(piece);
+        });
+    }
+    let apart = |s: &&[u32; 2]| pieces[s[0] as usize] != pieces[s[1] as usize];
+    springs.iter().filter(apart).count()
 }
 
 fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
@@ -507,23 +495,23 @@ fn what_hits_nothing_is_said_and_harmless() {
         );
         let (tets, picture) = (stage.mesh().tets.clone(), stage.image().unwrap());
         assert!(!stage.cut(&blade(0.3)).unwrap());
-        let mover = &mut stage.motion_mut().unwrap().body;
+        let simulator = &mut stage.motion_mut().unwrap().simulator;
         let said = |e: palpate::Result<()>| e.unwrap_err().to_string();
-        let nothing = mover.grab(DVec3::splat(0.2), 0.01, Grip::Follow);
+        let nothing = simulator.grab(DVec3::splat(0.2), 0.01, Grip::Follow);
         assert!(said(nothing.map(drop)).contains("nothing to grab"));
         for (centre, radius) in [
             (DVec3::NAN, 0.1),
             (DVec3::ZERO, f64::NAN),
             (DVec3::ZERO, -1.0),
         ] {
-            let wrong = mover.grab(centre, radius, Grip::Follow);
+            let wrong = simulator.grab(centre, radius, Grip::Follow);
             assert!(said(wrong.map(drop)).contains("makes no sense"));
         }
         let top = DVec3::new(0.0, 0.0, 0.05);
-        let grab = mover.grab(top, 0.02, Grip::Follow).unwrap();
-        assert!(said(mover.set_target(grab, DVec3::NAN)).contains("not a point"));
+        let grab = simulator.grab(top, 0.02, Grip::Follow).unwrap();
+        assert!(said(simulator.set_target(grab, DVec3::NAN)).contains("not a point"));
         let far = DVec3::splat(1e6);
-        assert!(said(mover.set_target(grab, far)).contains("farther away"));
+        assert!(said(simulator.set_target(grab, far)).contains("farther away"));
         assert!(Blade::quad([DVec3::NAN, DVec3::X, DVec3::Y, DVec3::Z]).is_err());
         // Nothing has moved and nothing was cut.
         stage.run(4, &mut |_| {}).unwrap();

@@ -209,7 +209,10 @@ fn what_the_user_names_is_seen_instead_of_regions() {
         scene.picture.field = field.map(Into::into);
         scene.picture.transfer = transfer.map(Into::into);
         let stage = Stage::with_mesh(&gpu(), &scene, mesh.clone()).unwrap();
-        (stage.seen().name.clone(), stage.seen().transfer.is_some())
+        (
+            stage.scalar_field().name.clone(),
+            stage.scalar_field().transfer.is_some(),
+        )
     };
     assert_eq!(seen(None, None), ("part".into(), true));
     assert_eq!(seen(Some("heat"), None), ("heat".into(), false));

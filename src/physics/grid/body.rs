@@ -1,13 +1,15 @@
 //! A grid body on the GPU: its state, what holds it and what acts on it.
 
 use super::model::GridModel;
-use super::verlet::{Prepared, Touch, Turn};
-use crate::gpu::{Array, Gpu, Texel};
+use super::verlet::{Flight, Prepared, STATUS, Touch, Turn};
+use crate::gpu::{Array, Gpu, Ring, Texel};
 use crate::mesh::{NO_NORMAL, TetMesh};
-use crate::physics::grab::{GrabId, Grabs, Grip};
-use crate::physics::{Energy, Nodes, Report};
+use crate::physics::grab_lists::GrabLists;
+use crate::physics::loads::LoadVersions;
+use crate::physics::{Energy, GrabId, Grip, Loads, Nodes, Report};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
+use std::collections::VecDeque;
 
 /// A [`GridModel`] on the GPU. Node i of [`GridBody::nodes`] is particle i of its shape.
 #[derive(Debug)]
@@ -27,25 +29,29 @@ pub struct GridBody {
     pub(super) status: wgpu::Buffer,
     pub(super) turn: Turn,
     pub(super) mean_mass: f64,
-    pub(super) gravity: DVec3,
-    forces: Vec<[f32; 4]>,
-    /// Whether a force acts on any particle, and whether the step reads the forces.
-    loaded: bool,
+    pub(super) loads: Loads,
+    /// The loads that the arrays on the GPU have.
+    pub(super) written: Option<LoadVersions>,
+    /// Whether the step reads the forces.
     pub(super) forced: bool,
-    pinned: Vec<bool>,
     /// The step by which `before` lies back; none where it is to be made from the velocities.
     pub(super) lag: Option<f64>,
     pub(super) dirty: bool,
     pub(super) prepared: Option<Prepared>,
-    pub(super) grabs: Grabs,
+    grabs: GrabLists,
     /// What the grabs do to each of the three arrays.
     pub(super) touch: Touch,
     pub(super) steps: u64,
     pub(super) time: f64,
-    /// Counts changes from outside.
-    pub(super) touched: u64,
+    /// Counts changes from outside, but for those of loads.
+    pub(super) changes: u64,
     /// The root mean square speed after the last look, in sizes of the body a second.
     pub(super) speed: f64,
+    /// Steps asked for that are not submitted, and their length.
+    pub(super) errands: VecDeque<(u32, f64)>,
+    /// Those under way, and their status on its way back.
+    pub(super) flight: Option<Flight>,
+    pub(super) ring: Ring,
 }
 
 impl GridBody {
@@ -76,28 +82,28 @@ impl GridBody {
                 gpu.array("backup", Texel::F32x4, total)?,
                 gpu.array("backup before", Texel::F32x4, total)?,
             ],
-            status: gpu.buffer("grid status", 16)?,
+            status: gpu.buffer("grid status", STATUS)?,
             turn: Turn::FIRST,
             mean_mass: mass / count as f64,
-            gravity: DVec3::ZERO,
-            forces: vec![[0.0; 4]; total],
-            loaded: false,
+            loads: Loads::new(total, model.frame, model.length_unit),
+            written: None,
             forced: false,
-            pinned: vec![false; total],
             lag: None,
             dirty: true,
             prepared: None,
-            grabs: Grabs::new(gpu, model.frame, model.length_unit),
+            grabs: GrabLists::default(),
             touch: Touch::default(),
             steps: 0,
             time: 0.0,
-            touched: 0,
+            changes: 0,
             speed: 0.0,
+            errands: VecDeque::new(),
+            flight: None,
+            ring: Ring::new(gpu, STATUS),
             model,
             mesh,
             nodes,
         };
-        body.write_loads()?;
         let normals = body.rest_normals()?;
         gpu.write_array(&body.normals, &normals)?;
         Ok(body)
@@ -135,29 +141,32 @@ impl GridBody {
         &self.normals
     }
 
-    /// Pins the particles listed; numbers that the body has not are passed over. Returns how many
-    /// are pinned now.
-    pub fn pin_nodes(&mut self, particles: &[u32]) -> usize {
-        for i in particles.iter().map(|i| *i as usize) {
-            if self.model.shape.regions.get(i).is_some_and(|r| *r != 0) {
-                self.pinned[i] = true;
-            }
-        }
-        self.dirty = true;
-        self.touched += 1;
-        self.pinned.iter().filter(|p| **p).count()
+    /// Pins, forces, gravity and grabs. Those on particles that the body has not do nothing.
+    pub fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
+    /// As [`GridBody::loads`], to change them; they act from the next step on.
+    pub fn loads_mut(&mut self) -> &mut Loads {
+        &mut self.loads
+    }
+
+    /// As [`Loads::pin_nodes`].
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a particle that does not exist.
+    pub fn pin_nodes(&mut self, particles: &[u32]) -> Result<()> {
+        self.loads.pin_nodes(particles)
     }
 
     /// Which particles are pinned.
     pub fn pinned(&self) -> &[bool] {
-        &self.pinned
+        self.loads.pinned()
     }
 
     /// Sets gravity, m/s² along the file's axes.
     pub fn set_gravity(&mut self, gravity: DVec3) {
-        self.gravity = gravity;
-        self.touched += 1;
-        self.prepared = None;
+        self.loads.set_gravity(gravity);
     }
 
     /// Sets the rate of damping γ, 1/s.
@@ -171,21 +180,17 @@ impl GridBody {
             )));
         }
         self.model.damping = rate;
-        self.touched += 1;
+        self.changes += 1;
         self.prepared = None;
         Ok(())
     }
 
-    /// Sets the external force on every particle, N.
+    /// As [`Loads::set_forces`].
     ///
     /// # Errors
     /// [`Error::Input`] for a wrong number of forces or one that is not finite.
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
-        self.forces = self.nodes.check("forces", forces, |f| f.as_vec3())?;
-        self.loaded = forces.iter().any(|f| *f != DVec3::ZERO);
-        self.grabs.touch();
-        self.touched += 1;
-        self.write_loads()
+        self.loads.set_forces(forces)
     }
 
     /// Moves the particles to `positions` in file units, at rest there.
@@ -204,6 +209,8 @@ impl GridBody {
             self.gpu.write_array(array, &local)?;
         }
         self.turn = Turn::FIRST;
+        // What was under way has nothing to fall back to any more.
+        self.flight = None;
         self.set_velocities(&vec![DVec3::ZERO; local.len()])?;
         self.nodes.mark_moved();
         self.refresh_normals()
@@ -219,7 +226,7 @@ impl GridBody {
             .nodes
             .check("velocities", velocities, |v| (v / scale).as_vec3())?;
         self.gpu.write_array(&self.velocities, &local)?;
-        self.touched += 1;
+        self.changes += 1;
         self.lag = None;
         Ok(())
     }
@@ -283,7 +290,7 @@ impl GridBody {
     /// A number that changes whenever the body is changed from outside: its state, pins, forces,
     /// grabs or springs.
     pub fn touched(&self) -> u64 {
-        self.touched
+        self.changes + self.loads.version()
     }
 
     /// The root mean square speed of its mass after the last [`GridBody::run`], in sizes of the
@@ -292,14 +299,10 @@ impl GridBody {
         self.speed
     }
 
-    /// Steps completed, and simulated time in seconds.
+    /// Steps completed as far as is known, and simulated time in seconds.
     pub fn clock(&self) -> (u64, f64) {
-        (self.steps, self.time)
-    }
-
-    /// Writes what acts on the particles.
-    fn write_loads(&self) -> Result<()> {
-        self.gpu.write_array(&self.external, &self.forces)
+        let flight = self.flight.as_ref();
+        flight.map_or((self.steps, self.time), |flight| flight.clock)
     }
 
     /// Grabs the particles within `radius` of `centre`, file units: reads the positions back once.
@@ -308,51 +311,61 @@ impl GridBody {
     /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
     pub fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
         let positions = self.positions()?;
-        let held: std::collections::BTreeSet<u32> = self.grabs.held().collect();
         let regions = &self.model.shape.regions;
-        let pinned = &self.pinned;
-        let free = |i: usize| regions[i] != 0 && !pinned[i] && !held.contains(&(i as u32));
-        self.dirty = true;
-        self.touched += 1;
-        self.grabs.add(&positions, free, centre, radius, grip)
+        let there = |i: usize| regions[i] != 0;
+        self.loads.grab(&positions, there, (centre, radius), grip)
     }
 
-    /// Moves the target of a grab, in file units: its particles follow with the next step.
+    /// As [`Loads::set_target`].
     ///
     /// # Errors
     /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
     pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
-        self.touched += u64::from(self.grabs.set_target(grab, target)?);
-        Ok(())
+        self.loads.set_target(grab, target)
     }
 
-    /// Lets go of a grab's particles. Returns how many they are.
+    /// As [`Loads::release`].
     ///
     /// # Errors
     /// [`Error::Input`] for a grab that is not there.
     pub fn release(&mut self, grab: GrabId) -> Result<usize> {
-        self.dirty = true;
-        self.touched += 1;
-        self.grabs.release(grab)
+        self.loads.release(grab)
     }
 
     /// Writes what has changed on the CPU: grabs; numbers, springs and inverse masses.
     pub(super) fn flush(&mut self) -> Result<()> {
-        let factors = &self.model.factors;
-        if self.grabs.flush(&self.forces, |i| factors[i] as f32)? {
-            self.write_loads()?;
-            self.touch = Touch::new(&self.grabs, &self.positions, &self.external)?;
-            let forced = self.loaded || self.grabs.draws();
+        let versions = self.loads.versions;
+        if !self.dirty && self.written == Some(versions) {
+            return Ok(());
+        }
+        let known = self.written.unwrap_or_default();
+        if self.written.is_none()
+            || known.grabs != versions.grabs
+            || known.forces != versions.forces
+        {
+            let factors = &self.model.factors;
+            self.grabs = GrabLists::new(&self.gpu, &self.loads, |i| factors[i] as f32)?;
+            let forces = self.loads.forces().iter();
+            let texels: Vec<[f32; 4]> =
+                forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();
+            self.gpu.write_array(&self.external, &texels)?;
+            self.touch = Touch::new(&self.gpu, &self.grabs, &self.positions, &self.external)?;
+            let loaded = self.loads.forces().iter().any(|f| *f != DVec3::ZERO);
+            let forced = loaded || self.grabs.draws();
             if forced != self.forced {
                 self.forced = forced;
                 self.prepared = None;
             }
         }
-        if !self.dirty {
-            return Ok(());
+        if self.dirty || known.held != versions.held {
+            self.write_particles()?;
         }
-        let mut held = self.pinned.clone();
-        self.grabs.held().for_each(|i| held[i as usize] = true);
+        self.written = Some(versions);
+        Ok(())
+    }
+
+    fn write_particles(&mut self) -> Result<()> {
+        let held = self.loads.held();
         let particles: Vec<[u32; 4]> = self
             .model
             .shape

@@ -68,7 +68,9 @@ impl GridBody {
         gone.sort_unstable();
         gone.dedup();
         let cut = self.erase(&gone)?;
-        self.pin_nodes(particles);
+        let there = |i: &u32| (*i as usize) < self.model.springs.len();
+        let gone: Vec<u32> = particles.iter().copied().filter(there).collect();
+        self.pin_nodes(&gone)?;
         Ok(cut)
     }
 
@@ -90,7 +92,7 @@ impl GridBody {
         self.model.springs = springs;
         self.mesh = mesh;
         self.dirty = true;
-        self.touched += 1;
+        self.changes += 1;
         self.refresh_normals()?;
         Ok(GridCut {
             springs: gone.len(),

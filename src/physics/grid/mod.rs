@@ -9,6 +9,7 @@ mod body;
 mod cut;
 mod model;
 mod shape;
+mod simulator;
 mod state;
 mod verlet;
 
@@ -17,4 +18,5 @@ pub use cut::GridCut;
 pub use model::GridModel;
 pub(crate) use model::isotropic;
 pub use shape::{GridShape, SPRING_KINDS, STEPS};
+pub use simulator::GpuGrid;
 pub use state::GridState;

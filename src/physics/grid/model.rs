@@ -129,6 +129,16 @@ impl GridModel {
             .fold(self.factors[i], f64::max)
     }
 
+    /// The two particles that each spring ties.
+    pub fn ties(&self) -> Vec<[u32; 2]> {
+        let offsets = self.shape.offsets();
+        let forward = self.shape.particles().flat_map(|i| {
+            let kinds = (0..SPRING_KINDS).filter(move |k| self.springs[i] >> (2 * k) & 1 == 1);
+            kinds.map(move |k| [i as u32, (i as i64 + offsets[k]) as u32])
+        });
+        forward.collect()
+    }
+
     /// The particles at rest in float64, in metres from the frame's origin: what the GPU is held
     /// against.
     pub fn twin(&self) -> GridTwin {

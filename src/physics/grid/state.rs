@@ -2,7 +2,8 @@
 
 use super::body::GridBody;
 use super::verlet::Turn;
-use crate::physics::state::{GrabsState, put_back};
+use crate::physics::loads::LoadsState;
+use crate::physics::state::put_back;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -18,9 +19,9 @@ pub struct GridState {
     lag: Option<f64>,
     steps: u64,
     time: f64,
-    touched: u64,
+    changes: u64,
     speed: f64,
-    grabs: GrabsState,
+    loads: LoadsState,
 }
 
 impl GridBody {
@@ -41,9 +42,9 @@ impl GridBody {
             lag: self.lag,
             steps: self.steps,
             time: self.time,
-            touched: self.touched,
+            changes: self.changes,
             speed: self.speed,
-            grabs: self.grabs.state(),
+            loads: self.loads.state(),
         })
     }
 
@@ -66,11 +67,12 @@ impl GridBody {
         put_back(&self.gpu, &self.normals, &state.normals)?;
         put_back(&self.gpu, &self.velocities, &state.velocities)?;
         put_back(&self.gpu, &self.external, &state.external)?;
-        self.grabs.set_state(&state.grabs, state.normals.len())?;
+        self.loads.set_state(&state.loads)?;
+        self.written = None;
         self.turn = Turn { now, before };
         self.lag = state.lag;
         (self.steps, self.time) = (state.steps, state.time);
-        (self.touched, self.speed) = (state.touched, state.speed);
+        (self.changes, self.speed) = (state.changes, state.speed);
         self.dirty = true;
         self.nodes.mark_moved();
         Ok(())

@@ -3,9 +3,10 @@
 
 use super::body::GridBody;
 use super::shape::LEAST_NORMAL;
-use crate::gpu::{Array, Pass, Recorder};
-use crate::physics::grab::Grabs;
-use crate::{Error, Result};
+use crate::gpu::{Array, Gpu, Pass, Recorder};
+use crate::physics::grab_lists::GrabLists;
+use crate::{Error, FailureCause, Result};
+use glam::DVec3;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -79,6 +80,7 @@ impl Turn {
 #[derive(Debug)]
 pub(super) struct Prepared {
     dt: f64,
+    gravity: DVec3,
     /// For each turn: the step, and the step that writes normals too.
     steps: Vec<(Turn, [Pass; 2])>,
 }
@@ -92,13 +94,41 @@ pub(super) struct Touch {
 }
 
 impl Touch {
-    pub fn new(grabs: &Grabs, positions: &[Array; 3], external: &Array) -> Result<Touch> {
-        let hold = positions.iter().map(|p| grabs.hold_pass(p));
-        let draw = positions.iter().map(|p| grabs.draw_pass(p, external));
+    pub fn new(
+        gpu: &Gpu,
+        grabs: &GrabLists,
+        positions: &[Array; 3],
+        external: &Array,
+    ) -> Result<Touch> {
+        let hold = positions.iter().map(|p| grabs.hold_pass(gpu, p));
+        let draw = positions.iter().map(|p| grabs.draw_pass(gpu, p, external));
         Ok(Touch {
             hold: hold.collect::<Result<_>>()?,
             draw: draw.collect::<Result<_>>()?,
         })
+    }
+}
+
+/// Steps under way, and what is to be restored if they fail.
+#[derive(Debug)]
+pub(super) struct Flight {
+    turn: Turn,
+    lag: Option<f64>,
+    /// Steps and time before them.
+    pub clock: (u64, f64),
+    steps: u32,
+    dt: f64,
+}
+
+/// Bytes of the status.
+pub(super) const STATUS: u64 = size_of::<GridStatus>() as u64;
+
+fn check(dt: f64) -> Result<()> {
+    match dt > 0.0 && dt.is_finite() {
+        true => Ok(()),
+        false => Err(Error::Input(format!(
+            "a time step of {dt} s makes no sense; give a positive number of seconds"
+        ))),
     }
 }
 
@@ -112,40 +142,105 @@ impl GridBody {
     /// Runs `steps` steps of Verlet of `dt` seconds, and looks whether all is well.
     ///
     /// # Errors
-    /// [`Error::Input`] for a step that makes no sense; [`Error::Solver`] when particles were
-    /// lost: the body stands where it was before the last run of at most 256 steps.
+    /// As [`GridBody::advance`] and [`GridBody::finish`].
     pub fn run(&mut self, steps: u32, dt: f64) -> Result<()> {
-        let mut left = steps;
-        while left > 0 {
-            let some = left.min(STEPS_A_SUBMIT);
-            let kept = (self.turn, self.lag, self.steps, self.time);
-            let mut work = self.gpu.record();
-            for (backup, n) in self.backup.iter().zip([kept.0.now, kept.0.before]) {
-                work.copy_array(&self.positions[n], backup);
-            }
-            self.record(&mut work, some, dt)?;
-            self.check(&mut work)?;
-            work.submit()?;
-            let status: Vec<GridStatus> = self.gpu.read_buffer(&self.status)?;
-            let fine = status
-                .first()
-                .is_some_and(|s| s.lost == 0.0 && s.reach < FARTHEST * FARTHEST);
-            if !fine {
-                let mut work = self.gpu.record();
-                (self.turn, self.lag, self.steps, self.time) = kept;
-                for (backup, n) in self.backup.iter().zip([kept.0.now, kept.0.before]) {
-                    work.copy_array(backup, &self.positions[n]);
-                }
-                work.submit()?;
-                return Err(self.failure(some, dt));
-            }
-            if let Some(status) = status.first() {
-                let mean = f64::from(status.motion) / f64::from(self.particles.len());
-                self.speed = mean.sqrt() / dt;
-            }
-            left -= some;
+        self.advance(steps, dt)?;
+        self.finish()
+    }
+
+    /// Asks for `steps` more steps of `dt` seconds, and submits the first of them; waits for none.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a step that makes no sense, [`Error::Gpu`] when the device refuses.
+    pub fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        check(dt)?;
+        if steps > 0 {
+            self.errands.push_back((steps, dt));
+        }
+        self.launch()
+    }
+
+    /// Waits for all steps asked for.
+    ///
+    /// # Errors
+    /// As [`GridBody::look`].
+    pub fn finish(&mut self) -> Result<()> {
+        while self.ring.flying() > 0 || !self.errands.is_empty() {
+            self.launch()?;
+            self.look(true)?;
         }
         Ok(())
+    }
+
+    /// Looks whether the steps under way are done, or waits for them, and submits more.
+    ///
+    /// # Errors
+    /// [`Error::Solver`] when particles were lost: the body stands where it was before the last
+    /// submit of at most 256 steps, and those left are dropped.
+    pub fn look(&mut self, wait: bool) -> Result<()> {
+        let Some(status) = self.ring.arrived::<GridStatus>(wait)? else {
+            return Ok(());
+        };
+        if let (Some(flight), Some(status)) = (self.flight.take(), status.first()) {
+            let dt = flight.dt;
+            if status.lost != 0.0 || !(status.reach < FARTHEST * FARTHEST) {
+                self.errands.clear();
+                self.fall_back(&flight)?;
+                return Err(self.failure(flight.steps, dt));
+            }
+            let mean = f64::from(status.motion) / f64::from(self.particles.len());
+            self.speed = mean.sqrt() / dt;
+        }
+        self.launch()
+    }
+
+    /// Submits steps that were asked for, where none are under way.
+    fn launch(&mut self) -> Result<()> {
+        if self.ring.flying() > 0 {
+            return Ok(());
+        }
+        let Some((left, dt)) = self.errands.pop_front() else {
+            return Ok(());
+        };
+        let some = left.min(STEPS_A_SUBMIT);
+        if left > some {
+            self.errands.push_front((left - some, dt));
+        }
+        let flight = Flight {
+            turn: self.turn,
+            lag: self.lag,
+            clock: (self.steps, self.time),
+            steps: some,
+            dt,
+        };
+        let mut work = self.gpu.record();
+        for (backup, n) in self
+            .backup
+            .iter()
+            .zip([flight.turn.now, flight.turn.before])
+        {
+            work.copy_array(&self.positions[n], backup);
+        }
+        self.record(&mut work, some, dt)?;
+        self.check(&mut work)?;
+        self.flight = Some(flight);
+        self.ring.submit(work, &self.status)
+    }
+
+    /// Puts the body back to where it was before a flight.
+    fn fall_back(&mut self, flight: &Flight) -> Result<()> {
+        let mut work = self.gpu.record();
+        (self.turn, self.lag) = (flight.turn, flight.lag);
+        (self.steps, self.time) = flight.clock;
+        for (backup, n) in self
+            .backup
+            .iter()
+            .zip([flight.turn.now, flight.turn.before])
+        {
+            work.copy_array(backup, &self.positions[n]);
+        }
+        self.nodes.mark_moved();
+        work.submit()
     }
 
     /// Records `steps` steps of Verlet of `dt` seconds; the last writes the normals. Nothing is
@@ -154,16 +249,14 @@ impl GridBody {
     /// # Errors
     /// [`Error::Input`] for a step that makes no sense, [`Error::Gpu`] when the device refuses.
     pub fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
-        if !(dt > 0.0 && dt.is_finite()) {
-            return Err(Error::Input(format!(
-                "a time step of {dt} s makes no sense; give a positive number of seconds"
-            )));
-        }
+        check(dt)?;
         if steps == 0 {
             return Ok(());
         }
         self.flush()?;
-        let known = self.prepared.take().filter(|p| p.dt == dt);
+        let gravity = self.loads.gravity();
+        let known = self.prepared.take();
+        let known = known.filter(|p| p.dt == dt && p.gravity == gravity);
         let prepared = match known {
             Some(prepared) => prepared,
             None => self.prepare(dt)?,
@@ -222,7 +315,11 @@ impl GridBody {
                 Ok((turn, [pass(false)?, pass(true)?]))
             })
             .collect::<Result<_>>()?;
-        Ok(Prepared { dt, steps })
+        Ok(Prepared {
+            dt,
+            gravity: self.loads.gravity(),
+            steps,
+        })
     }
 
     /// The pass of a step: `share` of the acceleration acts.
@@ -241,7 +338,7 @@ impl GridBody {
                 0.0,
             ]
         });
-        let gravity = (share * dt * dt / length * self.gravity).as_vec3();
+        let gravity = (share * dt * dt / length * self.loads.gravity()).as_vec3();
         let params = GridParams {
             springs,
             pull: gravity.extend((rate / length) as f32).to_array(),
@@ -358,6 +455,7 @@ impl GridBody {
             solver: "verlet on the grid",
             step: self.steps + u64::from(steps),
             time: self.time,
+            cause: FailureCause::FlownApart,
             what: "particles flew apart in the steps before".into(),
             advice,
         }

@@ -79,7 +79,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         let Some((t, setting)) = known.map(|k| points[k]) else {
             return Ok(Vec::new());
         };
-        let found = trials[t].measure(run.gpu, setting)?;
+        let found = trials[t].measure(setting)?;
         let numbers = [
             found.error,
             found.largest,

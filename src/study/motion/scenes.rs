@@ -7,7 +7,7 @@ use crate::mesher::Domain;
 use crate::physics::grid::{GridBody, GridModel, GridShape};
 use crate::physics::{Body, Material, RegionMaterial, SolverKind};
 use crate::reference::truth::State;
-use crate::scene::{Motion, Mover, Scene};
+use crate::scene::{Motion, Scene};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::path::Path;
@@ -41,9 +41,7 @@ fn released(gpu: &Gpu, kappa: f64) -> Result<Trial> {
     body.pin(|p| p.x < 1e-6);
     body.set_gravity(GRAVITY);
     let stiffness = (kappa, "N/m");
-    Ok(Trial::tets(
-        "released", stiffness, DURATION, mesh, body, None,
-    ))
+    Trial::tets(gpu, "released", stiffness, DURATION, (mesh, body), None)
 }
 
 /// A bar, one end held, the other turned by a radian and let go; damped.
@@ -66,14 +64,14 @@ fn twisted(gpu: &Gpu) -> Result<Trial> {
         v: vec![DVec3::ZERO; mesh.nodes.len()],
     };
     let stiffness = (5e4, "Pa");
-    Ok(Trial::tets(
+    Trial::tets(
+        gpu,
         "twisted",
         stiffness,
         DURATION,
-        mesh,
-        body,
+        (mesh, body),
         Some(start),
-    ))
+    )
 }
 
 /// The limb phantom, held at the elbow and pressed on the back of its hand; damped, its bones
@@ -100,14 +98,14 @@ fn pressed(gpu: &Gpu) -> Result<Trial> {
     let mut body = Body::new(gpu, &mesh, &material)?;
     body.pin(|p| p.x < 0.04);
     body.add_force(DVec3::new(0.0, 0.0, -2.0), |p| p.x > 0.18 && p.x < 0.24)?;
-    Ok(Trial::tets(
+    Trial::tets(
+        gpu,
         "pressed",
         (5e4, "Pa"),
         2.0 * DURATION,
-        mesh,
-        body,
+        (mesh, body),
         None,
-    ))
+    )
 }
 
 /// A block of grid particles, one end held, the other pulled and bent; damped.
@@ -130,12 +128,19 @@ fn pulled(gpu: &Gpu) -> Result<Trial> {
         // As the GPU has it.
         twin.forces[i] = share.as_vec3().as_dvec3();
     }
-    body.pin_nodes(&held);
+    body.pin_nodes(&held)?;
     body.set_forces(&twin.forces)?;
     for i in held {
         twin.inverse_masses[i as usize] = 0.0;
     }
-    Ok(Trial::grid("pulled", (5e4, "Pa"), DURATION, body, twin))
+    Ok(Trial::grid(
+        gpu,
+        "pulled",
+        (5e4, "Pa"),
+        DURATION,
+        body,
+        twin,
+    ))
 }
 
 /// The box from the origin to a corner.
@@ -171,7 +176,14 @@ fn falling(gpu: &Gpu) -> Result<Trial> {
     };
     let start = exact(0.0);
     let stiffness = (kappa, "N/m");
-    let trial = Trial::tets("falling", stiffness, DURATION, mesh, body, Some(start));
+    let trial = Trial::tets(
+        gpu,
+        "falling",
+        stiffness,
+        DURATION,
+        (mesh, body),
+        Some(start),
+    )?;
     Ok(trial.exactly(Box::new(exact)))
 }
 
@@ -195,7 +207,14 @@ fn breathing(gpu: &Gpu) -> Result<Trial> {
     };
     let start = exact(0.0);
     let stiffness = (kappa, "N/m");
-    let trial = Trial::tets("spring", stiffness, 2.0 * DURATION, mesh, body, Some(start));
+    let trial = Trial::tets(
+        gpu,
+        "spring",
+        stiffness,
+        2.0 * DURATION,
+        (mesh, body),
+        Some(start),
+    )?;
     Ok(trial.exactly(Box::new(exact)))
 }
 
@@ -221,20 +240,21 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     }
     let mesh = scene.mesh.load()?;
     let kind = scene.solver.name.as_deref().unwrap_or("implicit").parse()?;
-    let (motion, _) = Motion::new(gpu, &scene, kind, &mesh, None)?;
+    let (motion, _) = Motion::new(gpu, &scene, kind, mesh, None)?;
     let duration = motion.dt * f64::from(scene.solver.steps.unwrap_or(50).max(1));
-    let Mover::Tets(body, _) = motion.body else {
-        return Err(refused("grids"));
+    let simulator = motion.simulator;
+    let Some(network) = simulator.network() else {
+        return Err(refused("cages"));
     };
+    let springs = network.springs.len();
     let material = &scene.material;
     let stiffness = match material.stiffness {
         Some(kappa) => (kappa, "N/m"),
         None => (material.young.unwrap_or(f64::NAN), "Pa"),
     };
-    let springs = body.network().springs.len();
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = stem.unwrap_or_else(|| "scene".into());
-    let trial = Trial::tets(&name, stiffness, duration, mesh, *body, None);
+    let trial = Trial::of_springs(&name, stiffness, duration, simulator, None);
     // The truth takes at least three motions, the last of four times as many steps.
     let steps = 4.0 * 7.0 * f64::from(trial.fewest_stable(SolverKind::VelocityVerlet));
     if steps * (STEP + springs as f64) > AFFORDABLE {

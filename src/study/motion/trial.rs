@@ -1,11 +1,10 @@
 //! A body that moves, on the GPU and in float64, and the motion it ought to make.
 
-use super::device::{ACCURATE, on_gpu};
+use super::device::{ACCURATE, on_engine};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, signed_volume};
-use crate::physics::grid::GridBody;
-use crate::physics::largest_stable_step;
-use crate::physics::{Body, SolverKind};
+use crate::physics::grid::{GpuGrid, GridBody};
+use crate::physics::{Body, GpuTets, Simulator, SolverKind, largest_stable_step};
 use crate::reference::grid::GridTwin;
 use crate::reference::springs::Particles;
 use crate::reference::truth::{self, State, Truth, TwinScheme};
@@ -56,12 +55,12 @@ pub struct Found {
     pub iterations: f64,
 }
 
-/// What moves, and its twin where it starts.
-pub(super) enum Subject {
-    /// A body of tets.
-    Tets(Box<Body>, Box<Particles>),
-    /// A grid body.
-    Grid(Box<GridBody>, Box<GridTwin>),
+/// The same body in float64, where it starts.
+enum Twin {
+    /// Of tets.
+    Tets(Box<Particles>),
+    /// Of a grid.
+    Grid(Box<GridTwin>),
 }
 
 /// Where a body would be at a time, where that is known exactly.
@@ -77,8 +76,8 @@ pub struct Trial {
     pub unit: &'static str,
     /// Seconds.
     pub duration: f64,
-    mesh: TetMesh,
-    subject: Subject,
+    simulator: Box<dyn Simulator>,
+    twin: Twin,
     exact: Option<Exact>,
     truth: Option<Truth>,
     /// Twins solved to the last digits, by solver and steps.
@@ -88,27 +87,47 @@ pub struct Trial {
 impl Trial {
     /// The motion of `body`, made of `mesh`, from the positions (in metres from its frame's
     /// origin) and velocities given.
+    ///
+    /// # Errors
+    /// What the device refuses.
     pub fn tets(
+        gpu: &Gpu,
         name: &str,
-        (stiffness, unit): (f64, &'static str),
+        stiffness: (f64, &'static str),
         duration: f64,
-        mesh: TetMesh,
-        body: Body,
+        (mesh, body): (TetMesh, Body),
+        start: Option<State>,
+    ) -> Result<Trial> {
+        let solver = SolverKind::Symplectic.solver(gpu, &body)?;
+        let simulator = Box::new(GpuTets::of_body(mesh, body, solver)?);
+        Ok(Trial::of_springs(
+            name, stiffness, duration, simulator, start,
+        ))
+    }
+
+    /// The same of a simulator whose body has springs.
+    pub fn of_springs(
+        name: &str,
+        stiffness: (f64, &'static str),
+        duration: f64,
+        simulator: Box<dyn Simulator>,
         start: Option<State>,
     ) -> Trial {
-        let mut p = Particles::new(body.network().clone());
-        p.pinned = body.pinned().to_vec();
-        p.gravity = body.gravity();
-        p.external = body.forces();
+        let network = simulator.network().cloned().unwrap_or_default();
+        let mut p = Particles::new(network);
+        let loads = simulator.loads();
+        p.pinned = loads.pinned().to_vec();
+        p.gravity = loads.gravity();
+        p.external = loads.forces().to_vec();
         if let Some(start) = start {
             (p.x, p.v) = (start.x, start.v);
         }
-        let subject = Subject::Tets(Box::new(body), Box::new(p));
-        Trial::new(name, (stiffness, unit), duration, mesh, subject)
+        Trial::new(name, stiffness, duration, simulator, Twin::Tets(p.into()))
     }
 
     /// The motion of a grid body, from rest.
     pub fn grid(
+        gpu: &Gpu,
         name: &str,
         stiffness: (f64, &'static str),
         duration: f64,
@@ -116,24 +135,30 @@ impl Trial {
         twin: GridTwin,
     ) -> Trial {
         let mesh = body.mesh().clone();
-        let subject = Subject::Grid(Box::new(body), Box::new(twin));
-        Trial::new(name, stiffness, duration, mesh, subject)
+        let simulator = Box::new(GpuGrid::new(gpu, body, mesh));
+        Trial::new(
+            name,
+            stiffness,
+            duration,
+            simulator,
+            Twin::Grid(twin.into()),
+        )
     }
 
     fn new(
         name: &str,
         (stiffness, unit): (f64, &'static str),
         duration: f64,
-        mesh: TetMesh,
-        subject: Subject,
+        simulator: Box<dyn Simulator>,
+        twin: Twin,
     ) -> Trial {
         Trial {
             name: name.to_owned(),
             stiffness,
             unit,
             duration,
-            mesh,
-            subject,
+            simulator,
+            twin,
             exact: None,
             truth: None,
             solved: HashMap::new(),
@@ -153,27 +178,24 @@ impl Trial {
 
     /// The solvers that can move it.
     pub fn kinds(&self) -> Vec<SolverKind> {
-        match self.subject {
-            Subject::Tets(..) => SolverKind::ALL.to_vec(),
-            Subject::Grid(..) => vec![SolverKind::Verlet],
+        match self.twin {
+            Twin::Tets(_) => SolverKind::ALL.to_vec(),
+            Twin::Grid(_) => vec![SolverKind::Verlet],
         }
     }
 
     /// The fewest steps between two stops, a power of two, at which `kind` is stable; 1 where
     /// any step is.
     pub fn fewest_stable(&self, kind: SolverKind) -> u32 {
-        let limit = match &self.subject {
-            Subject::Tets(body, _) => {
-                match largest_stable_step(body.network(), body.pinned(), kind) {
+        let limit = match (&self.twin, self.simulator.network()) {
+            (Twin::Tets(p), Some(network)) => {
+                match largest_stable_step(network, &p.pinned, kind) {
                     // Never stable, but it takes long to show at steps that others can take.
-                    Some(0.0) => {
-                        let other = SolverKind::Symplectic;
-                        largest_stable_step(body.network(), body.pinned(), other)
-                    }
+                    Some(0.0) => largest_stable_step(network, &p.pinned, SolverKind::Symplectic),
                     limit => limit,
                 }
             }
-            Subject::Grid(body, _) => Some(body.model().stable_step()),
+            _ => self.simulator.largest_stable_step(),
         };
         let limit = 0.98 * limit.unwrap_or(f64::INFINITY);
         let wanted = (self.h(1) / limit).ceil().clamp(1.0, f64::from(1u32 << 30));
@@ -208,12 +230,12 @@ impl Trial {
             });
         }
         let steps = self.fewest_stable(SolverKind::VelocityVerlet);
-        let run = |steps| match &self.subject {
-            Subject::Tets(_, p) => {
+        let run = |steps| match &self.twin {
+            Twin::Tets(p) => {
                 let scheme = TwinScheme::converged(SolverKind::VelocityVerlet);
                 truth::motion(p, scheme, self.duration, STOPS, steps)
             }
-            Subject::Grid(_, p) => truth::grid_motion(p, self.duration, STOPS, steps),
+            Twin::Grid(p) => truth::grid_motion(p, self.duration, STOPS, steps),
         };
         let probe = run(2 * steps).ok_or_else(|| self.no_truth())?;
         let scale = self.way(&probe);
@@ -230,19 +252,20 @@ impl Trial {
     }
 
     fn rest(&self) -> &[DVec3] {
-        match &self.subject {
-            Subject::Tets(_, p) => &p.network.rest,
-            Subject::Grid(_, p) => &p.x,
+        match &self.twin {
+            Twin::Tets(p) => &p.network.rest,
+            Twin::Grid(p) => &p.x,
         }
     }
 
-    /// Makes the motion on the GPU, and tells its errors apart.
+    /// Makes the motion, and tells its errors apart.
     ///
     /// # Errors
     /// What the device refuses.
-    pub fn measure(&mut self, gpu: &Gpu, setting: Setting) -> Result<Found> {
+    pub fn measure(&mut self, setting: Setting) -> Result<Found> {
         let h = self.h(setting.steps);
-        let outcome = on_gpu(gpu, &mut self.subject, setting, h)?;
+        let start = self.start();
+        let outcome = on_engine(self.simulator.as_mut(), &start, setting, h)?;
         let mut found = Found {
             state: outcome.state,
             error: f64::NAN,
@@ -293,6 +316,20 @@ impl Trial {
         Ok(found)
     }
 
+    /// Where it starts.
+    fn start(&self) -> State {
+        match &self.twin {
+            Twin::Tets(p) => State {
+                x: p.x.clone(),
+                v: p.v.clone(),
+            },
+            Twin::Grid(p) => State {
+                x: p.x.clone(),
+                v: vec![DVec3::ZERO; p.x.len()],
+            },
+        }
+    }
+
     fn solved_twin(&mut self, setting: Setting) -> Option<Vec<State>> {
         let key = (setting.kind, setting.steps);
         if let Some(known) = self.solved.get(&key) {
@@ -304,9 +341,9 @@ impl Trial {
     }
 
     fn twin(&self, scheme: TwinScheme, steps: u32) -> Option<Vec<State>> {
-        match &self.subject {
-            Subject::Tets(_, p) => truth::motion(p, scheme, self.duration, STOPS, steps),
-            Subject::Grid(_, p) => truth::grid_motion(p, self.duration, STOPS, steps),
+        match &self.twin {
+            Twin::Tets(p) => truth::motion(p, scheme, self.duration, STOPS, steps),
+            Twin::Grid(p) => truth::grid_motion(p, self.duration, STOPS, steps),
         }
     }
 
@@ -343,15 +380,15 @@ impl Trial {
             let work: f64 = nodes.map(|((x, m), f)| x.dot(m * gravity + *f)).sum();
             -work
         };
-        match &self.subject {
-            Subject::Tets(_, start) => {
+        match &self.twin {
+            Twin::Tets(start) => {
                 let mut p = start.as_ref().clone();
                 (p.x, p.v) = (state.x.clone(), state.v.clone());
                 let mut masses = p.network.masses.iter().copied();
                 let load = loads(&mut masses, p.gravity, &p.external);
                 [p.elastic_energy() + p.kinetic_energy(), load]
             }
-            Subject::Grid(_, start) => {
+            Twin::Grid(start) => {
                 let mut p = start.as_ref().clone();
                 let before = state.x.iter().zip(&state.v);
                 p.previous = before.map(|(x, v)| *x - *v).collect();
@@ -365,7 +402,7 @@ impl Trial {
     }
 
     fn volume(&self, x: &[DVec3]) -> f64 {
-        let tets = self.mesh.tets.iter();
+        let tets = self.simulator.mesh().tets.iter();
         tets.map(|t| signed_volume(t.map(|v| x[v as usize]))).sum()
     }
 }

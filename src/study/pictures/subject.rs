@@ -137,7 +137,7 @@ impl Subject {
         let scene = bodies::named(path)?;
         let mut stage = Stage::new(gpu, &scene)?;
         stage.run(stage.steps(), &mut |_| {})?;
-        let seen = stage.seen();
+        let seen = stage.scalar_field();
         Ok(Subject {
             positions: stage.deformed_mesh()?.nodes,
             scalars: seen.values.clone(),

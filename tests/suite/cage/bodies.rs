@@ -61,7 +61,7 @@ fn settled_grid(gpu: &Gpu, cage: &Cage, pinned: &[u32]) -> Vec<DVec3> {
     model.damping = 8.0;
     let h = 0.9 * model.stable_step();
     let mut body = GridBody::new(gpu, model).unwrap();
-    body.pin_nodes(pinned);
+    body.pin_nodes(pinned).unwrap();
     body.set_gravity(GRAVITY);
     body.run((3.0 / h) as u32, h).unwrap();
     body.positions().unwrap()

@@ -4,7 +4,8 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::Blade;
 use palpate::physics::Grip;
-use palpate::scene::{Mover, Scene, Stage};
+use palpate::physics::Simulator;
+use palpate::scene::{Scene, Stage};
 
 /// A small limb with two materials, held and pulled, and `more` of a scene.
 fn limb(more: &str) -> String {
@@ -151,24 +152,13 @@ fn settle(stage: &mut Stage) {
 
 #[test]
 fn a_body_at_rest_sleeps_and_wakes_when_touched() {
-    type Touch = (&'static str, fn(&mut Mover));
+    type Touch = (&'static str, fn(&mut dyn Simulator));
     let touches: [Touch; 3] = [
-        ("force", |body| match body {
-            Mover::Tets(body, _) => {
-                body.add_force(DVec3::new(0.0, 0.01, 0.0), |_| true)
-                    .unwrap();
-            }
-            Mover::Grid(body) => {
-                let forces = vec![DVec3::new(0.0, 1e-4, 0.0); body.pinned().len()];
-                body.set_forces(&forces).unwrap();
-            }
+        ("force", |body| {
+            let forces = vec![DVec3::new(0.0, 1e-4, 0.0); body.mesh().nodes.len()];
+            body.set_forces(&forces).unwrap();
         }),
-        ("pin", |body| match body {
-            Mover::Tets(body, _) => body.pin_nodes(&[0]).unwrap(),
-            Mover::Grid(body) => {
-                body.pin_nodes(&[0]);
-            }
-        }),
+        ("pin", |body| body.pin_nodes(&[0]).unwrap()),
         ("grab", |body| {
             let at = body.nodes().positions().unwrap();
             let (low, high) = palpate::mesh::bounds(&at);
@@ -195,7 +185,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
         assert_eq!(moved(&stage), there);
         for (name, touch) in touches {
             settle(&mut stage);
-            touch(&mut stage.motion_mut().unwrap().body);
+            touch(stage.motion_mut().unwrap().simulator.as_mut());
             let before = gpu.passes_recorded();
             stage.run(1, &mut |_| {}).unwrap();
             assert!(

@@ -171,7 +171,7 @@ fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridTw
     let mut body = GridBody::new(gpu, model).unwrap();
     let unit = body.model().length_unit;
     let pinned: Vec<u32> = truth.particles.iter().copied().take(40).collect();
-    body.pin_nodes(&pinned);
+    body.pin_nodes(&pinned).unwrap();
     for i in &pinned {
         truth.inverse_masses[*i as usize] = 0.0;
     }
@@ -345,7 +345,7 @@ fn grabbed_particles_follow_and_are_let_go() {
         .filter(|i| body.model().shape.place(*i).z < -0.03)
         .map(|i| i as u32)
         .collect();
-    body.pin_nodes(&low);
+    body.pin_nodes(&low).unwrap();
     let top = DVec3::new(0.0, 0.0, 0.045);
     let rest = body.positions().unwrap();
     let near: Vec<usize> = body

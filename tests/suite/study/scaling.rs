@@ -1,6 +1,6 @@
 //! Scaling: the memory that is computed is the memory that is made.
 
-use crate::support::gpu;
+use palpate::gpu::Gpu;
 use palpate::mesh::{Location, Topology, generate};
 use palpate::physics::{Body, Material, SolverKind};
 use palpate::render::Geometry;
@@ -8,7 +8,8 @@ use palpate::study::computed_bytes;
 
 /// Shares of what is made that is computed: body, solvers, geometry.
 fn shares(cells: usize) -> Vec<(&'static str, f64)> {
-    let gpu = gpu();
+    // Of its own: the bytes are counted by device, and other tests make theirs on the shared one.
+    let gpu = Gpu::new().unwrap();
     let mesh = generate::benchmark_cube(cells, false).unwrap();
     let topology = Topology::new(&mesh);
     let scalars = mesh.field("scalar", Location::Node).unwrap().values.clone();

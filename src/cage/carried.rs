@@ -1,0 +1,202 @@
+//! A fine mesh carried by a coarse body, as a simulator.
+
+use super::{Cage, CageReport, Embedding};
+use crate::gpu::{Gpu, Recorder};
+use crate::mesh::{Blade, TetMesh, Topology};
+use crate::physics::{
+    ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
+    SimulatorState, SolverKind, TopologyChange,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// A mesh whose nodes a [`Cage`] carries. The cage is what is simulated: it can be gone round
+/// neither by a cut nor by moving the mesh's own nodes.
+pub struct Carried {
+    cage: Cage,
+    inner: Box<dyn Simulator>,
+    mesh: TetMesh,
+    topology: Topology,
+    embedding: Embedding,
+}
+
+impl Carried {
+    /// `mesh` in `cage`, which `inner` simulates.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when the nodes of the mesh do not fit the device.
+    pub fn new(gpu: &Gpu, mesh: TetMesh, cage: Cage, inner: Box<dyn Simulator>) -> Result<Carried> {
+        let transfer = cage.transfer().clone();
+        let embedding = Embedding::with_transfer(gpu, transfer, inner.nodes(), &mesh)?;
+        Ok(Carried {
+            cage,
+            inner,
+            topology: Topology::new(&mesh),
+            mesh,
+            embedding,
+        })
+    }
+
+    /// How the cage turned out.
+    pub fn report(&self) -> CageReport {
+        self.cage.report()
+    }
+
+    /// Grabs reach at least this far, so that they find a node of the cage.
+    fn reach(&self) -> f64 {
+        0.51 * DVec3::from(self.cage.report().spacing).length()
+    }
+}
+
+fn refused(what: &str) -> Error {
+    Error::Input(format!(
+        "a mesh that a cage carries cannot be {what}; leave [cage] out"
+    ))
+}
+
+impl Simulator for Carried {
+    fn integrator(&self) -> SolverKind {
+        self.inner.integrator()
+    }
+
+    fn engine(&self) -> Engine {
+        self.inner.engine()
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn masses(&self) -> &[f64] {
+        self.inner.masses()
+    }
+
+    fn springs(&self) -> Vec<[u32; 2]> {
+        self.inner.springs()
+    }
+
+    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+        self.inner.set_integrator(kind, settings)
+    }
+
+    fn largest_stable_step(&self) -> Option<f64> {
+        self.inner.largest_stable_step()
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        self.inner.advance(steps, dt)
+    }
+
+    fn progress(&mut self) -> Result<Progress> {
+        self.inner.progress()
+    }
+
+    fn finish(&mut self) -> Result<Progress> {
+        self.inner.finish()
+    }
+
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.inner.record(work, steps, dt)
+    }
+
+    fn iterations(&self) -> Result<Vec<u32>> {
+        self.inner.iterations()
+    }
+
+    fn publish(&mut self, work: &mut Recorder) -> Result<()> {
+        self.inner.publish(work)?;
+        self.embedding.record(work, self.inner.nodes());
+        Ok(())
+    }
+
+    fn nodes(&self) -> &Nodes {
+        self.embedding.nodes()
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        self.embedding.carry(&self.inner.positions()?)
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        self.embedding.carry(&self.inner.velocities()?)
+    }
+
+    fn set_positions(&mut self, _: &[DVec3]) -> Result<()> {
+        Err(refused("posed, for it stands where its cage has it"))
+    }
+
+    fn set_velocities(&mut self, _: &[DVec3]) -> Result<()> {
+        Err(refused("set in motion node by node"))
+    }
+
+    fn restart(&mut self) -> Result<()> {
+        self.inner.restart()
+    }
+
+    fn loads(&self) -> &Loads {
+        self.inner.loads()
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        self.inner.loads_mut()
+    }
+
+    fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
+        let count = self.mesh.nodes.len();
+        if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
+            return Err(Error::Input(format!(
+                "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
+            )));
+        }
+        self.inner.pin_nodes(&self.cage.nodes_for(nodes))
+    }
+
+    fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        self.inner.set_forces(&self.cage.transfer().gather(forces)?)
+    }
+
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        self.inner.grab(centre, radius.max(self.reach()), grip)
+    }
+
+    fn cut(&mut self, _: &Blade) -> Result<TopologyChange> {
+        Err(refused("cut"))
+    }
+
+    fn carrier(&self) -> Option<&dyn Simulator> {
+        Some(self.inner.as_ref())
+    }
+
+    fn report(&self) -> Result<Report> {
+        let energy = self.inner.report()?.energy;
+        Ok(Report::of_positions(energy, &self.mesh, &self.positions()?))
+    }
+
+    fn speed(&self) -> f64 {
+        self.inner.speed()
+    }
+
+    fn touched(&self) -> u64 {
+        self.inner.touched()
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        self.inner.state()
+    }
+
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
+        self.inner.set_state(state)
+    }
+
+    fn pose(&self) -> Result<Pose> {
+        self.inner.pose()
+    }
+
+    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+        self.inner.set_pose(pose)
+    }
+}

@@ -1,0 +1,224 @@
+//! A body of tets that is stepped on the GPU.
+
+use super::{
+    Body, BodyState, ConjugateGradients, Engine, GrabId, Grip, ImplicitEuler, Loads, Material,
+    Nodes, Pose, Progress, Report, Simulator, SimulatorState, Solver, SolverKind, SolverState,
+    SpringNetwork, TopologyChange, largest_stable_step,
+};
+use crate::gpu::{Gpu, Recorder};
+use crate::mesh::{Blade, TetMesh, Topology};
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// A [`Body`], the mesh it is made of, and its [`Solver`].
+pub struct GpuTets {
+    gpu: Gpu,
+    mesh: TetMesh,
+    topology: Topology,
+    body: Body,
+    solver: Box<dyn Solver>,
+    progress: Progress,
+}
+
+/// The state of a [`GpuTets`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TetState {
+    body: BodyState,
+    solver: SolverState,
+    progress: Progress,
+}
+
+impl GpuTets {
+    /// `mesh` made of `material`, at rest, stepped by `kind`.
+    ///
+    /// # Errors
+    /// As [`Body::new`].
+    pub fn new(gpu: &Gpu, mesh: TetMesh, material: &Material, kind: SolverKind) -> Result<GpuTets> {
+        let body = Body::new(gpu, &mesh, material)?;
+        let solver = kind.solver(gpu, &body)?;
+        GpuTets::of_body(mesh, body, solver)
+    }
+
+    /// `body`, made of `mesh`, and the solver made for it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when `mesh` has another number of nodes.
+    pub fn of_body(mesh: TetMesh, body: Body, solver: Box<dyn Solver>) -> Result<GpuTets> {
+        body.check_mesh(&mesh)?;
+        Ok(GpuTets {
+            gpu: body.gpu.clone(),
+            topology: Topology::new(&mesh),
+            mesh,
+            body,
+            solver,
+            progress: Progress::default(),
+        })
+    }
+
+    /// The body.
+    pub fn body(&self) -> &Body {
+        &self.body
+    }
+}
+
+impl Simulator for GpuTets {
+    fn integrator(&self) -> SolverKind {
+        self.solver.kind()
+    }
+
+    fn engine(&self) -> Engine {
+        Engine::Gpu
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn masses(&self) -> &[f64] {
+        &self.body.network.masses
+    }
+
+    fn springs(&self) -> Vec<[u32; 2]> {
+        self.body.network.springs.iter().map(|s| s.nodes).collect()
+    }
+
+    fn network(&self) -> Option<&SpringNetwork> {
+        Some(&self.body.network)
+    }
+
+    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+        self.finish()?;
+        self.solver = match kind {
+            SolverKind::Implicit => Box::new(ImplicitEuler::with(&self.gpu, &self.body, settings)?),
+            kind => kind.solver(&self.gpu, &self.body)?,
+        };
+        self.progress = Progress::default();
+        Ok(())
+    }
+
+    fn largest_stable_step(&self) -> Option<f64> {
+        largest_stable_step(&self.body.network, self.body.pinned(), self.integrator())
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        self.solver.advance(&mut self.body, steps, dt)
+    }
+
+    fn progress(&mut self) -> Result<Progress> {
+        if let Some(progress) = self.solver.progress(&mut self.body)? {
+            self.progress = progress;
+        }
+        Ok(self.progress)
+    }
+
+    fn finish(&mut self) -> Result<Progress> {
+        self.progress = self.solver.finish(&mut self.body)?;
+        Ok(self.progress)
+    }
+
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.solver.record(work, &mut self.body, steps, dt)
+    }
+
+    fn iterations(&self) -> Result<Vec<u32>> {
+        if self.integrator() != SolverKind::Implicit {
+            return Ok(Vec::new());
+        }
+        let steps = self.solver.history(&self.body)?;
+        Ok(steps.iter().map(|s| s.iterations).collect())
+    }
+
+    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+        Ok(())
+    }
+
+    fn nodes(&self) -> &Nodes {
+        self.body.nodes()
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        self.body.positions()
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        self.body.velocities()
+    }
+
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.body.set_positions(positions)
+    }
+
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        self.body.set_velocities(velocities)
+    }
+
+    fn loads(&self) -> &Loads {
+        self.body.loads()
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        self.body.loads_mut()
+    }
+
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        self.body.grab(centre, radius, grip)
+    }
+
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
+        let mesh = self.body.cut(&mut self.mesh, &mut self.topology, blade)?;
+        Ok(TopologyChange { mesh, springs: 0 })
+    }
+
+    fn report(&self) -> Result<Report> {
+        Report::new(&self.body, &self.mesh)
+    }
+
+    fn speed(&self) -> f64 {
+        if self.progress.steps == 0 {
+            return f64::INFINITY;
+        }
+        let mass: f64 = self.body.network.masses.iter().sum();
+        let speed = (2.0 * self.progress.last.kinetic.max(0.0) / mass).sqrt();
+        speed / self.body.units.length
+    }
+
+    fn touched(&self) -> u64 {
+        self.body.touched()
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        Ok(SimulatorState::Tets(Box::new(TetState {
+            body: self.body.state()?,
+            solver: self.solver.state()?,
+            progress: self.progress,
+        })))
+    }
+
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
+        let SimulatorState::Tets(state) = state else {
+            return Err(Error::Input(
+                "the state of another kind of body, or of another engine".into(),
+            ));
+        };
+        self.body.set_state(&state.body)?;
+        self.solver.set_state(&self.body, &state.solver)?;
+        self.progress = state.progress;
+        Ok(())
+    }
+
+    fn pose(&self) -> Result<Pose> {
+        Ok(Pose {
+            positions: self.body.nodes.local()?,
+            normals: Vec::new(),
+        })
+    }
+
+    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+        self.body.stand_at(&pose.positions)
+    }
+}

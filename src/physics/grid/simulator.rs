@@ -1,0 +1,218 @@
+//! A grid body as a simulator, stepped on the GPU.
+
+use super::GridBody;
+use crate::gpu::{Array, Gpu, Recorder};
+use crate::mesh::{Blade, Location, TetCut, TetMesh, Topology};
+use crate::physics::{
+    ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
+    SimulatorState, SolverKind, StepRecord, TopologyChange,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// A [`GridBody`] and the mesh over its full cells, with that mesh's fields.
+pub struct GpuGrid {
+    gpu: Gpu,
+    mesh: TetMesh,
+    topology: Topology,
+    body: GridBody,
+}
+
+impl GpuGrid {
+    /// `body`, whose drawn mesh may have fields and names in `mesh`.
+    pub fn new(gpu: &Gpu, body: GridBody, mesh: TetMesh) -> GpuGrid {
+        GpuGrid {
+            gpu: gpu.clone(),
+            topology: Topology::new(&mesh),
+            mesh,
+            body,
+        }
+    }
+
+    fn progress_now(&self) -> Progress {
+        let (steps, time) = self.body.clock();
+        Progress {
+            steps,
+            time,
+            last: StepRecord::default(),
+        }
+    }
+
+    /// Leaves out of the mesh the tets that the body's has no longer.
+    fn follow(&mut self) -> TetCut {
+        let mut left = self.body.mesh().tets.iter().peekable();
+        let stays: Vec<bool> = self
+            .mesh
+            .tets
+            .iter()
+            .map(|tet| left.next_if(|next| *next == tet).is_some())
+            .collect();
+        let gone = (0u32..).zip(&stays).filter(|(_, stays)| !**stays);
+        let removed: Vec<u32> = gone.map(|(t, _)| t).collect();
+        if removed.is_empty() {
+            return TetCut::default();
+        }
+        let mut kept = stays.iter();
+        self.mesh.tets.retain(|_| kept.next() == Some(&true));
+        for field in &mut self.mesh.fields {
+            if field.location == Location::Cell {
+                let (n, mut k) = (field.components, 0);
+                field.values.retain(|_| {
+                    k += 1;
+                    stays[(k - 1) / n]
+                });
+            }
+        }
+        self.topology = Topology::new(&self.mesh);
+        TetCut {
+            removed,
+            ..TetCut::default()
+        }
+    }
+}
+
+impl Simulator for GpuGrid {
+    fn integrator(&self) -> SolverKind {
+        SolverKind::Verlet
+    }
+
+    fn engine(&self) -> Engine {
+        Engine::Gpu
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn masses(&self) -> &[f64] {
+        &self.body.model().masses
+    }
+
+    fn springs(&self) -> Vec<[u32; 2]> {
+        self.body.model().ties()
+    }
+
+    fn set_integrator(&mut self, kind: SolverKind, _: ConjugateGradients) -> Result<()> {
+        match kind {
+            SolverKind::Verlet => Ok(()),
+            kind => Err(Error::Input(format!(
+                "a grid body is stepped by verlet, not by {kind}"
+            ))),
+        }
+    }
+
+    fn largest_stable_step(&self) -> Option<f64> {
+        Some(self.body.model().stable_step())
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        self.body.advance(steps, dt)
+    }
+
+    fn progress(&mut self) -> Result<Progress> {
+        self.body.look(false)?;
+        Ok(self.progress_now())
+    }
+
+    fn finish(&mut self) -> Result<Progress> {
+        self.body.finish()?;
+        Ok(self.progress_now())
+    }
+
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.body.record(work, steps, dt)
+    }
+
+    fn iterations(&self) -> Result<Vec<u32>> {
+        Ok(Vec::new())
+    }
+
+    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+        Ok(())
+    }
+
+    fn nodes(&self) -> &Nodes {
+        self.body.nodes()
+    }
+
+    fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
+        let at_rest = self.body.rest_normals()?;
+        Ok(Some((self.body.normals().clone(), at_rest)))
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        self.body.positions()
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        self.body.velocities()
+    }
+
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.body.set_positions(positions)
+    }
+
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        self.body.set_velocities(velocities)
+    }
+
+    fn loads(&self) -> &Loads {
+        self.body.loads()
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        self.body.loads_mut()
+    }
+
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        self.body.grab(centre, radius, grip)
+    }
+
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
+        let cut = self.body.cut(blade)?;
+        Ok(TopologyChange {
+            mesh: self.follow(),
+            springs: cut.springs,
+        })
+    }
+
+    fn report(&self) -> Result<Report> {
+        self.body.report()
+    }
+
+    fn speed(&self) -> f64 {
+        self.body.speed()
+    }
+
+    fn touched(&self) -> u64 {
+        self.body.touched()
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        Ok(SimulatorState::Grid(Box::new(self.body.state()?)))
+    }
+
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
+        match state {
+            SimulatorState::Grid(state) => self.body.set_state(state),
+            _ => Err(Error::Input(
+                "the state of another kind of body, or of another engine".into(),
+            )),
+        }
+    }
+
+    fn pose(&self) -> Result<Pose> {
+        Ok(Pose {
+            positions: self.gpu.read_array(self.body.nodes().array())?,
+            normals: self.gpu.read_array(self.body.normals())?,
+        })
+    }
+
+    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+        self.body.stand_at(&pose.positions, &pose.normals)
+    }
+}

@@ -1,0 +1,284 @@
+//! What holds a body and what pulls it, whatever engine steps it.
+
+use super::grab::{GrabId, Grabs, Grip};
+use super::state::GrabsState;
+use crate::mesh::{LocalFrame, TetCut};
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Counts changes of loads, so that engines notice them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct LoadVersions {
+    /// Of any load.
+    pub any: u64,
+    /// Of grabs: nodes are put elsewhere.
+    pub grabs: u64,
+    /// Of external forces.
+    pub forces: u64,
+    /// Of which nodes are pinned, or held by a grab.
+    pub held: u64,
+}
+
+/// Pins, grabs, gravity and forces, by the numbers of a body's nodes: the same for every engine,
+/// which takes them over with its next step.
+///
+/// Places are in file units, forces in newtons, gravity in m/s², all along the file's axes.
+#[derive(Clone, Debug)]
+pub struct Loads {
+    frame: LocalFrame,
+    length_unit: f64,
+    gravity: DVec3,
+    forces: Vec<DVec3>,
+    pinned: Vec<bool>,
+    pub(super) grabs: Grabs,
+    pub(super) versions: LoadVersions,
+}
+
+/// What [`Loads`] are, to be kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct LoadsState {
+    gravity: [f64; 3],
+    forces: Vec<[f64; 3]>,
+    pinned: Vec<bool>,
+    grabs: GrabsState,
+    versions: LoadVersions,
+}
+
+impl Loads {
+    /// No loads on so many nodes; `length_unit` are metres in a file unit.
+    pub(super) fn new(nodes: usize, frame: LocalFrame, length_unit: f64) -> Loads {
+        Loads {
+            frame,
+            length_unit,
+            gravity: DVec3::ZERO,
+            forces: vec![DVec3::ZERO; nodes],
+            pinned: vec![false; nodes],
+            grabs: Grabs::new(frame),
+            versions: LoadVersions::default(),
+        }
+    }
+
+    pub(super) fn frame(&self) -> LocalFrame {
+        self.frame
+    }
+
+    pub(super) fn length_unit(&self) -> f64 {
+        self.length_unit
+    }
+
+    /// The local frame of the mesh, and metres in a file unit.
+    pub fn frame_and_unit(&self) -> (LocalFrame, f64) {
+        (self.frame, self.length_unit)
+    }
+
+    /// A number that changes with every change of a load.
+    pub fn version(&self) -> u64 {
+        self.versions.any
+    }
+
+    /// Which nodes are pinned.
+    pub fn pinned(&self) -> &[bool] {
+        &self.pinned
+    }
+
+    /// Pins the nodes listed: they stay where they are from now on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a node that does not exist.
+    pub fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
+        let count = self.pinned.len();
+        if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
+            return Err(Error::Input(format!(
+                "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
+            )));
+        }
+        for v in nodes {
+            self.pinned[*v as usize] = true;
+        }
+        self.versions.held += 1;
+        self.versions.any += 1;
+        Ok(())
+    }
+
+    /// Lets every node go that is pinned.
+    pub fn unpin_all(&mut self) {
+        self.pinned.fill(false);
+        self.versions.held += 1;
+        self.versions.any += 1;
+    }
+
+    /// Sets gravity, m/s².
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.gravity = gravity;
+        self.versions.any += 1;
+    }
+
+    /// Gravity, m/s².
+    pub fn gravity(&self) -> DVec3 {
+        self.gravity
+    }
+
+    /// Sets the external force on every node, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        if forces.len() != self.forces.len() {
+            return Err(Error::Input(format!(
+                "{} forces given for {} nodes",
+                forces.len(),
+                self.forces.len()
+            )));
+        }
+        if let Some(i) = forces.iter().position(|f| !f.as_vec3().is_finite()) {
+            return Err(Error::Input(format!(
+                "forces: node {i} is given {}, which is not finite (or far out of range)",
+                forces[i]
+            )));
+        }
+        self.forces.copy_from_slice(forces);
+        self.forces_changed();
+        Ok(())
+    }
+
+    /// The external force on every node as it was set or added, N.
+    pub fn forces(&self) -> &[DVec3] {
+        &self.forces
+    }
+
+    /// Adds `force` (N in all) in equal shares to `nodes`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the force is not finite, or there is no such node.
+    pub fn add_force(&mut self, force: DVec3, nodes: &[u32]) -> Result<()> {
+        let strange = nodes.iter().any(|v| *v as usize >= self.forces.len());
+        if nodes.is_empty() || strange || !force.is_finite() {
+            return Err(Error::Input(format!(
+                "a force of {force} N on {} nodes cannot be applied",
+                nodes.len()
+            )));
+        }
+        let share = force / nodes.len() as f64;
+        for v in nodes {
+            self.forces[*v as usize] += share;
+        }
+        self.forces_changed();
+        Ok(())
+    }
+
+    fn forces_changed(&mut self) {
+        self.versions.forces += 1;
+        self.versions.any += 1;
+    }
+
+    /// Grabs the nodes within `radius` of `centre` that are free and that `there` has; they stand
+    /// at `positions`.
+    pub(super) fn grab(
+        &mut self,
+        positions: &[DVec3],
+        there: impl Fn(usize) -> bool,
+        (centre, radius): (DVec3, f64),
+        grip: Grip,
+    ) -> Result<GrabId> {
+        let mut free: Vec<bool> = self.pinned.iter().map(|pinned| !pinned).collect();
+        self.grabs.held().for_each(|i| free[i as usize] = false);
+        let free = |i: usize| free[i] && there(i);
+        let grab = self.grabs.add(positions, free, centre, radius, grip)?;
+        self.grabs_changed();
+        Ok(grab)
+    }
+
+    /// Moves the target of a grab: its nodes follow with the next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
+    pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
+        if self.grabs.set_target(grab, target)? {
+            self.versions.grabs += 1;
+            self.versions.any += 1;
+        }
+        Ok(())
+    }
+
+    /// Lets go of a grab's nodes. Returns how many they are.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there.
+    pub fn release(&mut self, grab: GrabId) -> Result<usize> {
+        let nodes = self.grabs.release(grab)?;
+        self.grabs_changed();
+        Ok(nodes)
+    }
+
+    fn grabs_changed(&mut self) {
+        self.versions.grabs += 1;
+        self.versions.held += 1;
+        self.versions.any += 1;
+    }
+
+    /// Which nodes cannot move by themselves: pinned, or held where a grab has them.
+    pub(super) fn held(&self) -> Vec<bool> {
+        let mut held = self.pinned.clone();
+        self.grabs.held().for_each(|i| held[i as usize] = true);
+        held
+    }
+
+    /// Follows a cut: doubles are pinned as the nodes they come from, and share their forces by
+    /// `masses`, those after the cut. Returns whether a force was shared.
+    pub(super) fn follow(&mut self, cut: &TetCut, masses: &[f64]) -> bool {
+        for [_, old] in &cut.doubled {
+            self.pinned.push(self.pinned[*old as usize]);
+        }
+        self.forces.resize(masses.len(), DVec3::ZERO);
+        let mut shared = false;
+        for doubles in cut.doubled.chunk_by(|a, b| a[1] == b[1]) {
+            let old = doubles[0][1] as usize;
+            let force = self.forces[old];
+            if force == DVec3::ZERO {
+                continue;
+            }
+            shared = true;
+            let nodes = || doubles.iter().map(|d| d[0] as usize).chain([old]);
+            let whole: f64 = nodes().map(|v| masses[v]).sum();
+            for v in nodes() {
+                let share = if whole > 0.0 { masses[v] / whole } else { 0.0 };
+                self.forces[v] = share * force;
+            }
+        }
+        self.versions.held += 1;
+        self.versions.any += 1;
+        if self.grabs.any() {
+            // Masses and loads around the cut are new: those of nodes held are made again.
+            self.versions.grabs += 1;
+        }
+        shared
+    }
+
+    pub(super) fn state(&self) -> LoadsState {
+        LoadsState {
+            gravity: self.gravity.to_array(),
+            forces: self.forces.iter().map(|f| f.to_array()).collect(),
+            pinned: self.pinned.clone(),
+            grabs: self.grabs.state(),
+            versions: self.versions,
+        }
+    }
+
+    /// Takes over what [`Loads::state`] gave of a body of as many nodes.
+    pub(super) fn set_state(&mut self, state: &LoadsState) -> Result<()> {
+        let nodes = self.pinned.len();
+        if state.pinned.len() != nodes || state.forces.len() != nodes {
+            return Err(Error::Input(format!(
+                "the loads on {} nodes do not fit a body of {nodes}",
+                state.pinned.len()
+            )));
+        }
+        self.grabs.set_state(&state.grabs, nodes)?;
+        self.gravity = state.gravity.into();
+        self.forces = state.forces.iter().map(|f| DVec3::from(*f)).collect();
+        self.pinned.clone_from(&state.pinned);
+        self.versions = state.versions;
+        Ok(())
+    }
+}

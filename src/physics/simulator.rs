@@ -1,0 +1,281 @@
+//! What everything that moves a body can do, whatever it is made of and whatever steps it.
+
+use super::{
+    ConjugateGradients, Engine, GrabId, GridState, Grip, Loads, Nodes, Progress, Report,
+    SolverKind, SpringNetwork, TetState,
+};
+use crate::Result;
+use crate::gpu::{Array, Recorder};
+use crate::mesh::{Blade, TetCut, TetMesh, Topology};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// A body and what moves it.
+///
+/// Places are in file units, velocities in file units a second, forces in newtons; nodes are those
+/// of [`Simulator::mesh`]. Steps are asked for with [`Simulator::advance`], which never waits, and
+/// are done behind the caller's back: [`Simulator::progress`] looks how far they are, and
+/// [`Simulator::finish`] waits. When a step fails, the body stays as it was before it, and can
+/// still be read and drawn; changing state, loads or pins clears the failure.
+///
+/// Who draws the body takes [`Simulator::nodes`] after [`Simulator::publish`]; their version tells
+/// whether they have moved.
+pub trait Simulator: Send {
+    /// By which scheme it steps.
+    fn integrator(&self) -> SolverKind;
+
+    /// What computes the steps.
+    fn engine(&self) -> Engine;
+
+    /// The mesh that is drawn, at rest, as cuts have left it.
+    fn mesh(&self) -> &TetMesh;
+
+    /// The neighbours in that mesh.
+    fn topology(&self) -> &Topology;
+
+    /// Mass of every node that is simulated, kg.
+    fn masses(&self) -> &[f64];
+
+    /// Which two of these nodes each spring ties.
+    fn springs(&self) -> Vec<[u32; 2]>;
+
+    /// Masses and springs, of a body of tets.
+    fn network(&self) -> Option<&SpringNetwork> {
+        None
+    }
+
+    /// Steps by another scheme from now on, afresh from positions and velocities.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for one that it does not have.
+    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()>;
+
+    /// The largest stable step of its scheme at rest, s; none where any step is stable.
+    fn largest_stable_step(&self) -> Option<f64>;
+
+    /// Asks for `steps` more steps of `dt` seconds.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for a step that makes no sense; otherwise what the
+    /// device refuses.
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()>;
+
+    /// How far the simulation is known to be, without waiting.
+    ///
+    /// # Errors
+    /// [`Error::Solver`](crate::Error::Solver) when a step failed; the steps left are dropped.
+    fn progress(&mut self) -> Result<Progress>;
+
+    /// Waits for all steps asked for.
+    ///
+    /// # Errors
+    /// As [`Simulator::progress`].
+    fn finish(&mut self) -> Result<Progress>;
+
+    /// Asks for steps and waits for them.
+    ///
+    /// # Errors
+    /// As [`Simulator::advance`] and [`Simulator::finish`].
+    fn run(&mut self, steps: u32, dt: f64) -> Result<Progress> {
+        self.advance(steps, dt)?;
+        self.finish()
+    }
+
+    /// Records steps into the caller's own work, or does them where they are not the GPU's; see
+    /// [`Simulator::publish`].
+    ///
+    /// # Errors
+    /// As [`Simulator::advance`].
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()>;
+
+    /// Iterations that the latest steps took, oldest first; empty for schemes without any.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    fn iterations(&self) -> Result<Vec<u32>>;
+
+    /// Records what brings [`Simulator::nodes`] to where the body is: carrying, or an upload.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn publish(&mut self, work: &mut Recorder) -> Result<()>;
+
+    /// The nodes on the GPU, for drawing.
+    fn nodes(&self) -> &Nodes;
+
+    /// The approximate normals of the nodes that its steps make, packed, on the GPU, and those at
+    /// rest; none where whoever draws makes them.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
+        Ok(None)
+    }
+
+    /// Where the nodes are, read back.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    fn positions(&self) -> Result<Vec<DVec3>>;
+
+    /// Their velocities, read back.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    fn velocities(&self) -> Result<Vec<DVec3>>;
+
+    /// Moves the nodes.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for a wrong number of positions, one that is not
+    /// finite, or a body whose nodes cannot be moved.
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()>;
+
+    /// Sets their velocities.
+    ///
+    /// # Errors
+    /// As [`Simulator::set_positions`].
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()>;
+
+    /// Puts it back to where it rested, at rest; loads stay.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn restart(&mut self) -> Result<()> {
+        let rest = self.mesh().nodes.clone();
+        self.set_positions(&rest)?;
+        self.set_velocities(&vec![DVec3::ZERO; rest.len()])
+    }
+
+    /// Pins, forces, gravity and grabs on what is simulated.
+    fn loads(&self) -> &Loads;
+
+    /// As [`Simulator::loads`], to change them; they act from the next step on.
+    fn loads_mut(&mut self) -> &mut Loads;
+
+    /// Pins nodes of the mesh: they stay where they are.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for a node that does not exist.
+    fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
+        self.loads_mut().pin_nodes(nodes)
+    }
+
+    /// Sets the external force on every node of the mesh, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for a wrong number of forces or one that is not
+    /// finite.
+    fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        self.loads_mut().set_forces(forces)
+    }
+
+    /// Grabs the nodes within `radius` of `centre`: reads the positions back once.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) where there is nothing to grab, or for numbers that
+    /// make no sense.
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId>;
+
+    /// Moves the target of a grab: its nodes follow with the next step.
+    ///
+    /// # Errors
+    /// As [`Loads::set_target`].
+    fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
+        self.loads_mut().set_target(grab, target)
+    }
+
+    /// Lets go of a grab's nodes. Returns how many they are.
+    ///
+    /// # Errors
+    /// As [`Loads::release`].
+    fn release(&mut self, grab: GrabId) -> Result<usize> {
+        self.loads_mut().release(grab)
+    }
+
+    /// Cuts the body along `blade` where it stands now. Whoever draws it, or is bound to it,
+    /// follows the change that is returned; a blade that hits nothing changes nothing.
+    ///
+    /// # Errors
+    /// As [`cut`](crate::mesh::cut()); [`Error::Input`](crate::Error::Input) for a body that
+    /// cannot be cut.
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange>;
+
+    /// The coarse body that carries the mesh, if one does.
+    fn carrier(&self) -> Option<&dyn Simulator> {
+        None
+    }
+
+    /// Energies, volume and displacement, read back.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    fn report(&self) -> Result<Report>;
+
+    /// Root mean square speed after the last step that is known of, in sizes of the body a second.
+    fn speed(&self) -> f64;
+
+    /// A number that changes whenever the body is changed from outside: its state, its loads, its
+    /// shape.
+    fn touched(&self) -> u64;
+
+    /// All that its next steps depend on, read back after the steps of [`Simulator::finish`]; of
+    /// its shape only what is needed to tell it from another.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    fn state(&self) -> Result<SimulatorState>;
+
+    /// Puts it into a state that [`Simulator::state`] gave of it, or of one made and cut in the
+    /// same way: the steps that follow are those that would have followed there.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for the state of another.
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()>;
+
+    /// Where it stands, to the bit, as a cut finds it.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    fn pose(&self) -> Result<Pose>;
+
+    /// Puts its nodes, without velocities, where a cut found them.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for the pose of another.
+    fn set_pose(&mut self, pose: &Pose) -> Result<()>;
+}
+
+/// What a cut changed in a body.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TopologyChange {
+    /// In its mesh.
+    pub mesh: TetCut,
+    /// Springs that are no longer there.
+    pub springs: usize,
+}
+
+impl TopologyChange {
+    /// Whether nothing was hit, and nothing has changed.
+    pub fn is_empty(&self) -> bool {
+        self.springs == 0 && self.mesh.is_empty()
+    }
+}
+
+/// Where a body stands, to the bit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// Positions in the local frame.
+    pub(crate) positions: Vec<[f32; 4]>,
+    /// Packed normals, where its steps make them.
+    pub(crate) normals: Vec<u32>,
+}
+
+/// The state of a [`Simulator`]: see [`Simulator::state`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum SimulatorState {
+    /// Of a body of tets on the GPU.
+    Tets(Box<TetState>),
+    /// Of a grid body on the GPU.
+    Grid(Box<GridState>),
+}

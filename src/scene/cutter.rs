@@ -1,0 +1,137 @@
+//! A scene's cuts, as time goes on.
+
+use super::CutEntry;
+use super::path::{along, check};
+use super::picture::DisplayMode;
+use super::skin::carrier;
+use super::stage::{Drive, Stage};
+use crate::mesh::Blade;
+#[allow(unused_imports)]
+use crate::physics::Simulator;
+use crate::skin::{Skin, SkinColour};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// The colour of the walls that cuts lay bare, under a skin.
+const WALL: [f32; 3] = [0.55, 0.12, 0.12];
+
+/// How often a cut is made on a blade's way.
+const CUTS: f64 = 16.0;
+
+/// A cutter of a scene, on its way.
+#[derive(Debug)]
+pub(super) struct Cutter {
+    entry: CutEntry,
+    /// The time up to which it has cut.
+    pub(super) cut: Option<f64>,
+}
+
+impl Cutter {
+    pub fn new(entry: &CutEntry) -> Result<Cutter> {
+        check(&entry.path, 2, "cut")?;
+        let cutter = Cutter {
+            entry: entry.clone(),
+            cut: None,
+        };
+        // A blade that sweeps nothing is an error at once, not in the middle of a simulation.
+        let [begin, end] = cutter.span();
+        Blade::swept(&[cutter.edge(begin), cutter.edge(end)])?;
+        Ok(cutter)
+    }
+
+    fn span(&self) -> [f64; 2] {
+        let times = |p: Option<&[f64; 4]>| p.map_or(0.0, |p| p[0]);
+        [
+            times(self.entry.path.first()),
+            times(self.entry.path.last()),
+        ]
+    }
+
+    /// The time between two cuts, while it cuts at `time`; none before and after.
+    pub fn pace(&self, time: f64) -> Option<f64> {
+        let [begin, end] = self.span();
+        (self.cut.is_none_or(|cut| cut < end) && time <= end).then(|| {
+            let pace = (end - begin) / CUTS;
+            if time < begin {
+                pace.max(begin - time)
+            } else {
+                pace
+            }
+        })
+    }
+
+    /// What the blade has swept since the last time it was asked; none where that is nothing.
+    pub fn swept(&mut self, time: f64) -> Option<Blade> {
+        let [begin, end] = self.span();
+        let from = self.cut.unwrap_or(begin);
+        let to = time.min(end);
+        if to <= from {
+            return None;
+        }
+        self.cut = Some(to);
+        let path = self.entry.path.iter().map(|p| p[0]);
+        let between = path.filter(|t| *t > from && *t < to);
+        let times: Vec<f64> = [from].into_iter().chain(between).chain([to]).collect();
+        let edges: Vec<[DVec3; 2]> = times.iter().map(|t| self.edge(*t)).collect();
+        // A blade at rest sweeps nothing.
+        Blade::swept(&edges).ok()
+    }
+
+    fn edge(&self, time: f64) -> [DVec3; 2] {
+        let moved = along(&self.entry.path, time);
+        self.entry.edge.map(|end| DVec3::from(end) + moved)
+    }
+}
+
+impl Stage {
+    /// Cuts the body along `blade` (file units) where it stands now: its springs or tets, and
+    /// its skins. Returns whether anything was hit.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body that nothing moves; otherwise as [`Simulator::cut`].
+    pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
+        if self.motion().is_none() {
+            return Err(Error::Input(
+                "what nothing moves cannot be cut: name a solver".into(),
+            ));
+        }
+        self.cached = None;
+        let pose = match self.journal {
+            Some(_) => self.pose_now()?,
+            None => None,
+        };
+        let Drive::Simulated(motion) = &mut self.drive else {
+            return Ok(false);
+        };
+        let simulator = &mut motion.simulator;
+        let change = simulator.cut(blade)?;
+        if !change.mesh.is_empty() {
+            self.scalars.follow(&change.mesh);
+            let (mesh, topology) = (simulator.mesh(), simulator.topology());
+            let (positions, scalars) = (simulator.nodes().array(), self.scalars.scalars());
+            let geometry = self.raycaster.geometry_mut();
+            geometry.follow(mesh, topology, &change.mesh, positions, scalars)?;
+            self.surface
+                .follow(self.raycaster.geometry(), &self.scalars.values)?;
+        }
+        let hit = !change.is_empty();
+        if hit && let (Some(journal), Some(pose)) = (&mut self.journal, pose) {
+            journal.note(blade, pose);
+        }
+        if hit && !self.skins.is_empty() {
+            let carrier = carrier(&self.gpu, &mut self.drive)?;
+            self.skins.truncate(self.scene.skin.len());
+            let mut walls = Vec::new();
+            for skin in &mut self.skins {
+                walls = skin.follow_cut(&carrier, blade)?.walls;
+            }
+            if self.mode == DisplayMode::Skin && !walls.is_empty() {
+                let mut walls = Skin::bare(&self.gpu, &carrier, Some(&walls))?;
+                let colour = self.scene.skin[0].wall.unwrap_or(WALL);
+                walls.set_colour(&SkinColour::Plain(colour))?;
+                self.skins.push(walls);
+            }
+        }
+        Ok(hit)
+    }
+}

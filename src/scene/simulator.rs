@@ -1,0 +1,364 @@
+//! From a scene's material, solver, pins and forces to the simulator that moves its body.
+
+use super::Scene;
+use super::load::{Response, said, weight};
+use crate::cage::CageReport;
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
+use crate::physics::{
+    Body, ConjugateGradients, GpuTets, HeldEnd, ImplicitEuler, Material, Simulator, Solver,
+    SolverKind, SpringNetwork, largest_stable_step,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Gravity where a scene does not say, in m/s².
+pub(super) const GRAVITY: f64 = 9.81;
+/// Step of the implicit solver where a scene does not say, in s; explicit solvers take a share
+/// of their largest stable step.
+const IMPLICIT_STEP: f64 = 0.01;
+const EXPLICIT_SHARE: f64 = 0.9;
+/// A body longer than this, in metres, is remarked upon: its unit was probably forgotten.
+const REMARKABLE_LENGTH: f64 = 5.0;
+
+/// A simulator, and what a scene that is silent was taken to mean.
+pub(super) struct Setup {
+    pub simulator: Box<dyn Simulator>,
+    /// Step size, s.
+    pub dt: f64,
+    pub cage: Option<CageReport>,
+    /// Whether its steps are those of a grid.
+    pub grid: bool,
+    /// Points, in file units, that pictures of the whole run should show.
+    pub reach: Option<Vec<DVec3>>,
+}
+
+/// What pulls a body, by which step it is followed, and how far it will go.
+pub(super) struct Pull {
+    /// m/s².
+    pub gravity: DVec3,
+    /// s.
+    pub dt: f64,
+    /// Points, in file units, that pictures of the whole run should show.
+    pub reach: Option<Vec<DVec3>>,
+}
+
+/// An end that was chosen to be held, and the number of the body's pieces.
+pub(super) type Chosen = (HeldEnd, usize);
+
+impl Setup {
+    /// The simulator of `scene` and `mesh`, and in words what was assumed; see
+    /// [`Motion::new`](super::Motion::new).
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        kind: SolverKind,
+        mesh: TetMesh,
+        shape: Option<GridShape>,
+    ) -> Result<(Setup, Vec<String>)> {
+        let mut notes = Vec::new();
+        let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        let unit = unit.or(mesh.length_unit);
+        let (low, high) = mesh.bounds();
+        let length = (high - low).max_element();
+        if unit.is_none() && length > REMARKABLE_LENGTH {
+            notes.push(format!(
+                "one unit of the mesh is taken to be a metre, so the body is {length:.3} m long; --unit mm (or cm) says otherwise"
+            ));
+        }
+        let (mut material, said) = scene.material.material(&mesh)?;
+        notes.extend(said);
+        material.length_unit = unit.unwrap_or(1.0);
+        let setup = match (shape, &scene.cage) {
+            (Some(_), Some(_)) => {
+                return Err(Error::Input(
+                    "the scene has both [grid] and [cage]; a cage of kind \"grid\" carries the mesh, leave [grid] out".into(),
+                ));
+            }
+            (Some(shape), None) => {
+                scene.grid_simulator(gpu, kind, mesh, shape, &material, &mut notes)?
+            }
+            (None, Some(entry)) => {
+                scene.caged_simulator(gpu, entry, kind, mesh, &material, &mut notes)?
+            }
+            (None, None) => scene.tet_simulator(gpu, kind, mesh, material, &mut notes)?,
+        };
+        Ok((setup, notes))
+    }
+}
+
+/// The step that the scene asks for, or a share of the largest stable one, `limit`; without a
+/// limit the step of an implicit solver.
+pub(super) fn step_of(asked: Option<f64>, limit: Option<f64>, notes: &mut Vec<String>) -> f64 {
+    if let Some(dt) = asked {
+        return dt;
+    }
+    let Some(limit) = limit else {
+        return IMPLICIT_STEP;
+    };
+    let limit = match limit.is_finite() && limit > 0.0 {
+        true => limit,
+        false => IMPLICIT_STEP,
+    };
+    let dt = EXPLICIT_SHARE * limit;
+    notes.push(format!(
+        "a step of {dt:.3e} s: {EXPLICIT_SHARE} of the largest stable one"
+    ));
+    dt
+}
+
+/// A damping time that an explicit solver can bear with these springs, undamped as they are given,
+/// for damping costs it step size; and a sentence that says so.
+pub(super) fn damping_to_bear(undamped: &SpringNetwork, kind: SolverKind) -> Option<(f64, String)> {
+    let free = vec![false; undamped.rest.len()];
+    let limit = largest_stable_step(undamped, &free, SolverKind::Symplectic);
+    let limit = limit.filter(|limit| limit.is_finite())?;
+    // Explicit Euler is stable through damping alone; the others give up a twentieth of a step.
+    let share = if kind == SolverKind::Explicit {
+        0.5
+    } else {
+        0.05
+    };
+    let damping = share * limit;
+    let said = format!(
+        "damping of {damping:.2e} s times the stiffness, which {kind} can bear; --damping says otherwise"
+    );
+    Some((damping, said))
+}
+
+impl Scene {
+    fn tet_simulator(
+        &self,
+        gpu: &Gpu,
+        kind: SolverKind,
+        mesh: TetMesh,
+        mut material: Material,
+        notes: &mut Vec<String>,
+    ) -> Result<Setup> {
+        if self.material.damping.is_none() && kind != SolverKind::Implicit {
+            material.damping_time = 0.0;
+            if let Some((damping, said)) =
+                damping_to_bear(&SpringNetwork::new(&mesh, &material)?, kind)
+            {
+                material.damping_time = damping;
+                notes.push(said);
+            }
+        }
+        let body = Body::new(gpu, &mesh, &material)?;
+        let solver = self.solver_of(gpu, kind, &body)?;
+        self.set_up(Box::new(GpuTets::of_body(mesh, body, solver)?), notes)
+    }
+
+    fn grid_simulator(
+        &self,
+        gpu: &Gpu,
+        kind: SolverKind,
+        mesh: TetMesh,
+        shape: GridShape,
+        material: &Material,
+        notes: &mut Vec<String>,
+    ) -> Result<Setup> {
+        if kind != SolverKind::Verlet {
+            return Err(Error::Input(format!(
+                "a grid body is stepped by verlet, not by {kind}; name = \"verlet\", or leave [grid] out"
+            )));
+        }
+        let mut model = GridModel::new(shape, material)?;
+        if let Some(rate) = self.grid.as_ref().and_then(|g| g.damping) {
+            model.damping = rate;
+        }
+        let rate = model.damping;
+        let mut body = GridBody::new(gpu, model)?;
+        body.set_damping(rate)?;
+        let setup = self.set_up(Box::new(GpuGrid::new(gpu, body, mesh)), notes)?;
+        Ok(Setup {
+            grid: true,
+            ..setup
+        })
+    }
+
+    /// Pins and pulls the body of `simulator` as the scene says, or by the end that suits it.
+    fn set_up(&self, mut simulator: Box<dyn Simulator>, notes: &mut Vec<String>) -> Result<Setup> {
+        for region in &self.pin {
+            let nodes = region.nodes(simulator.mesh())?;
+            simulator.pin_nodes(&nodes)?;
+        }
+        let end = match self.pin.is_empty() {
+            true => Some(self.held_end(simulator.as_ref())),
+            false => None,
+        };
+        if let Some((end, _)) = &end {
+            simulator.pin_nodes(&end.nodes)?;
+        }
+        let forces = self.forces(simulator.mesh(), simulator.masses())?;
+        if let Some(forces) = &forces {
+            simulator.set_forces(forces)?;
+        }
+        let limit = match self.solver.dt {
+            Some(_) => None,
+            None => simulator.largest_stable_step(),
+        };
+        let dt = step_of(self.solver.dt, limit, notes);
+        let held = simulator.network().zip(Some(simulator.loads().pinned()));
+        let kind = simulator.integrator();
+        let pull = self.pull(kind, held, end, forces.as_deref(), dt, notes);
+        simulator.loads_mut().set_gravity(pull.gravity);
+        Ok(Setup {
+            simulator,
+            dt: pull.dt,
+            cage: None,
+            grid: false,
+            reach: pull.reach,
+        })
+    }
+
+    /// When conjugate gradients stop.
+    pub(super) fn conjugate_gradients(&self) -> ConjugateGradients {
+        let mut settings = ConjugateGradients::default();
+        if let Some(tolerance) = self.solver.tolerance {
+            settings.tolerance = tolerance;
+            settings.acceptable = settings.acceptable.max(tolerance);
+        }
+        if let Some(iterations) = self.solver.iterations {
+            settings.max_iterations = iterations;
+        }
+        settings
+    }
+
+    pub(super) fn solver_of(
+        &self,
+        gpu: &Gpu,
+        kind: SolverKind,
+        body: &Body,
+    ) -> Result<Box<dyn Solver>> {
+        match kind {
+            SolverKind::Implicit => {
+                let settings = self.conjugate_gradients();
+                Ok(Box::new(ImplicitEuler::with(gpu, body, settings)?))
+            }
+            kind => kind.solver(gpu, body),
+        }
+    }
+
+    /// The way loads go: that of the scene's gravity, or −z.
+    fn down(&self) -> DVec3 {
+        let given = self.solver.gravity.map(DVec3::from);
+        given.map_or(DVec3::NEG_Z, |g| match g.length() > 0.0 {
+            true => g.normalize(),
+            false => DVec3::NEG_Z,
+        })
+    }
+
+    /// The end by which a body is held that the scene does not pin.
+    fn held_end(&self, simulator: &dyn Simulator) -> Chosen {
+        let (rest, masses) = (&simulator.mesh().nodes, simulator.masses());
+        HeldEnd::of_pieces(rest, masses, simulator.springs().into_iter(), self.down())
+    }
+
+    /// The same of a fine body that is not simulated.
+    pub(super) fn held_end_of(&self, network: &SpringNetwork) -> Chosen {
+        network.held_end(self.down())
+    }
+
+    /// Gravity and step: those of the scene; where it is silent and a run is ahead, such as suit
+    /// the body's stiffness. `held` are the springs and which nodes are pinned, of a body of tets;
+    /// `end` says which end was chosen for that, if one was.
+    pub(super) fn pull(
+        &self,
+        kind: SolverKind,
+        held: Option<(&SpringNetwork, &[bool])>,
+        end: Option<Chosen>,
+        forces: Option<&[DVec3]>,
+        dt: f64,
+        notes: &mut Vec<String>,
+    ) -> Pull {
+        let across = end.as_ref().map_or(DVec3::NEG_Z, |(end, _)| end.across());
+        let given = self.solver.gravity.map(DVec3::from);
+        let mut pull = Pull {
+            gravity: given.unwrap_or(GRAVITY * across),
+            dt,
+            reach: None,
+        };
+        let silent = given.is_none()
+            && forces.is_none()
+            && self.grab.is_empty()
+            && self.cut.is_empty()
+            && end.is_some();
+        let ahead = self.solver.run.filter(|run| run.steps > 0);
+        let mut how = format!("gravity of {} acts", said(pull.gravity.length()));
+        if let (true, Some(run), Some((network, pinned))) = (silent, ahead, held)
+            && let Some(response) = Response::new(network, pinned, &weight(network, across))
+        {
+            if self.solver.dt.is_none() && kind == SolverKind::Implicit {
+                pull.dt = response.step(run.steps, IMPLICIT_STEP);
+            }
+            let factor = response.factor(kind, run.steps, pull.dt);
+            pull.gravity = factor * across;
+            pull.reach = Some(response.reach(network, pinned, factor, (kind, run.steps, pull.dt)));
+            how = format!(
+                "a load of {}, by which it gives about a tenth of its size, acts",
+                said(factor)
+            );
+        } else if let Some(run) = ahead.filter(|run| run.drawn && self.camera.is_unset())
+            && let Some((network, pinned)) = held
+        {
+            let mut load = weight(network, pull.gravity);
+            for (load, force) in load.iter_mut().zip(forces.unwrap_or_default()) {
+                *load += *force;
+            }
+            let response = Response::new(network, pinned, &load);
+            pull.reach = response.map(|r| r.reach(network, pinned, 1.0, (kind, run.steps, dt)));
+        }
+        if let Some((network, _)) = held {
+            for point in pull.reach.iter_mut().flatten() {
+                *point = network.to_file(*point);
+            }
+        }
+        if let Some((end, pieces)) = end {
+            let pieces = match pieces {
+                1 => String::new(),
+                n => format!(" and an end of each of its {n} pieces"),
+            };
+            let along = along(pull.gravity);
+            notes.push(format!(
+                "held {end}{pieces}; {how} along {along} ([[pin]] and --gravity say otherwise)"
+            ));
+        }
+        if pull.dt != dt {
+            notes.push(format!(
+                "steps of {:.3} s, in which the run takes in half a swing (--dt says otherwise)",
+                pull.dt
+            ));
+        }
+        pull
+    }
+
+    /// The force on each node of `mesh`, if there are any; nodes without mass take no share.
+    pub(super) fn forces(&self, mesh: &TetMesh, masses: &[f64]) -> Result<Option<Vec<DVec3>>> {
+        let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
+        let has = |v: &u32| masses.get(*v as usize).is_some_and(|m| *m > 0.0);
+        for entry in &self.force {
+            let nodes = entry.on.nodes(mesh)?.into_iter();
+            let nodes: Vec<u32> = nodes.filter(has).collect();
+            for v in &nodes {
+                forces[*v as usize] += DVec3::from(entry.total) / nodes.len() as f64;
+            }
+        }
+        Ok((!self.force.is_empty()).then_some(forces))
+    }
+}
+
+/// A direction in words.
+fn along(vector: DVec3) -> String {
+    let unit = vector.normalize_or_zero();
+    let axis = unit.abs().max_position();
+    match unit[axis].abs() > 0.999 {
+        true => format!(
+            "{}{}",
+            if unit[axis] < 0.0 { "-" } else { "+" },
+            ["x", "y", "z"][axis]
+        ),
+        false => format!("({:.3}, {:.3}, {:.3})", unit.x, unit.y, unit.z),
+    }
+}
