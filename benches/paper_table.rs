@@ -143,7 +143,6 @@ fn pictures(
         if kind.is_some() {
             solver.record(&mut work, &mut body, 1, dt)?;
         }
-        raycaster.geometry_mut().moved();
         if surface {
             let (colour, depth) = (&colour, &depth);
             skin.record(

@@ -77,7 +77,7 @@ fn main() -> anyhow::Result<()> {
     for frame in 0..=frames {
         gpu.time_passes(frame == frames);
         let start = Instant::now();
-        caster.geometry_mut().moved();
+        caster.geometry().positions().touch();
         let mut work = gpu.record();
         let target = Target {
             colour: &view,

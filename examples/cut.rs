@@ -39,7 +39,6 @@ fn main() -> palpate::Result<()> {
     println!("{doubled} nodes were doubled; there are {pieces} pieces");
 
     solver.run(&mut body, 30, 0.005)?;
-    raycaster.geometry_mut().moved();
     let middle = DVec3::new(0.08, 0.03, 0.03);
     let eye = middle + DVec3::new(0.1, -0.5, 0.2);
     let camera = Camera::perspective(eye, middle, DVec3::Z, 16.0);

@@ -30,7 +30,6 @@ fn main() -> anyhow::Result<()> {
             .map(|p| frame.to_local(twist(*p)).extend(1.0).to_array())
             .collect();
         gpu.write_array(&positions, &moved)?;
-        raycaster.geometry_mut().moved();
         let picture = raycaster.image(&camera, [400, 400], Mode::Composite)?;
         picture.save(format!("{folder}/twist_{i}.png"))?;
     }

@@ -45,7 +45,6 @@ fn main() -> anyhow::Result<()> {
         let mut encoder = device.create_command_encoder(&Default::default());
         let mut work = Recorder::within(&gpu, &mut encoder);
         solver.record(&mut work, &mut body, 2, 0.005)?;
-        raycaster.geometry_mut().moved();
         let target = Target {
             colour: &view,
             occluder: None,

@@ -41,7 +41,6 @@ fn main() -> palpate::Result<()> {
         body.set_target(hand, ray.origin + pick.distance * ray.direction)?;
         solver.run(&mut body, 2, 0.01)?;
     }
-    raycaster.geometry_mut().moved();
     let picture = raycaster.image(&camera, pixels, Mode::Composite)?;
     picture.save(&out)?;
     println!("{out}");

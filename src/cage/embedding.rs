@@ -111,7 +111,6 @@ impl Embedding {
         if moved {
             self.carried = carriers.version();
             self.pass.record(work);
-            self.nodes.mark_moved();
         }
         moved
     }

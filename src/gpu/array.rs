@@ -6,6 +6,8 @@
 use super::{Bind, Gpu, Resource};
 use crate::mesh::LocalFrame;
 use crate::{Error, Result};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -54,16 +56,45 @@ impl Texel {
     }
 }
 
+/// Counts the writes into an array, for all who hold it.
+#[derive(Clone, Debug, Default)]
+pub struct Version(Arc<AtomicU64>);
+
+impl Version {
+    /// How many there were.
+    pub fn get(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn next(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
 /// A GPU-resident array of `len` items, item i at texel (i mod [`ROW`], i / [`ROW`]).
+///
+/// It knows how often it was written: by passes recorded, copies and uploads. Who depends on its
+/// content compares [`Array::version`]; nobody has to tell them. Clones share texture and version.
 #[derive(Clone, Debug)]
 pub struct Array {
     pub(super) texture: wgpu::Texture,
     pub(super) view: wgpu::TextureView,
     texel: Texel,
     len: u32,
+    version: Version,
 }
 
 impl Array {
+    /// A number that grows with every write into it.
+    pub fn version(&self) -> u64 {
+        self.version.get()
+    }
+
+    /// Says that its texture was or will be written by other means than Palpate's.
+    pub fn touch(&self) {
+        self.version.next();
+    }
+
     /// Number of items.
     pub fn len(&self) -> u32 {
         self.len
@@ -102,6 +133,10 @@ impl Array {
 impl Bind for Array {
     fn resource(&self) -> Resource<'_> {
         Resource::Texture(&self.view)
+    }
+
+    fn version(&self) -> Option<&Version> {
+        Some(&self.version)
     }
 }
 
@@ -159,6 +194,7 @@ impl Gpu {
             view,
             texel,
             len: len as u32,
+            version: Version::default(),
         })
     }
 
@@ -229,6 +265,7 @@ impl Gpu {
                 array.len
             )));
         }
+        array.touch();
         // The rest of a row begun, whole rows, the beginning of a last one.
         let count = data.len() as u32;
         let head = ((ROW - first % ROW) % ROW).min(count);
@@ -276,6 +313,7 @@ impl Gpu {
     pub fn resize(&self, array: &mut Array, label: &str, len: usize) -> Result<bool> {
         if len <= array.capacity() as usize {
             array.len = len as u32;
+            array.touch();
             return Ok(false);
         }
         let grown = self.roomy_array(label, array.texel, len)?;
@@ -286,6 +324,11 @@ impl Gpu {
             array.texture.size(),
         );
         work.submit()?;
+        // It goes on counting, and so is not taken for the one it was.
+        grown
+            .version
+            .0
+            .store(array.version() + 1, Ordering::Relaxed);
         *array = grown;
         Ok(true)
     }

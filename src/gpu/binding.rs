@@ -1,5 +1,6 @@
 //! From the sentence of a pass to a bind group: what the WGSL declares, held against what is given.
 
+use super::array::Version;
 use super::layout::GpuStruct;
 use super::{Gpu, layout, shader};
 use crate::{Error, Result};
@@ -21,6 +22,11 @@ pub enum Resource<'a> {
 pub trait Bind {
     /// The resource itself.
     fn resource(&self) -> Resource<'_>;
+
+    /// What counts the writes into it, if anything does.
+    fn version(&self) -> Option<&Version> {
+        None
+    }
 }
 
 impl Bind for wgpu::TextureView {

@@ -18,7 +18,7 @@ mod shader;
 mod texture;
 mod timing;
 
-pub use array::{Array, Positions, ROW, Texel};
+pub use array::{Array, Positions, ROW, Texel, Version};
 pub use binding::{Bind, Resource};
 pub use device::{ADAPTER_VARIABLE, Gpu};
 pub use draw::{Draw, DrawBuilder};

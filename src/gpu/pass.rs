@@ -1,5 +1,6 @@
 //! Compute passes: prepared once, recorded every step.
 
+use super::array::Version;
 use super::binding::{Bind, Sentence};
 use super::device::lock;
 use super::layout::GpuStruct;
@@ -33,6 +34,8 @@ pub struct Pass {
     bind_group: wgpu::BindGroup,
     params: Option<wgpu::Buffer>,
     extent: Extent,
+    /// Of the arrays that it writes.
+    versions: Vec<Version>,
 }
 
 /// The sentence of a compute pass being written; see [`Gpu::pass`].
@@ -42,6 +45,7 @@ pub struct PassBuilder<'a> {
     name: &'a str,
     sentence: Sentence<'a>,
     constants: Vec<(&'a str, f64)>,
+    versions: Vec<Version>,
 }
 
 impl Gpu {
@@ -55,6 +59,7 @@ impl Gpu {
             name,
             sentence: Sentence::default(),
             constants: Vec::new(),
+            versions: Vec::new(),
         }
     }
 }
@@ -75,6 +80,7 @@ impl<'a> PassBuilder<'a> {
     /// The next binding is written.
     pub fn write(mut self, what: &'a impl Bind) -> Self {
         self.sentence.write(what.resource());
+        self.versions.extend(what.version().cloned());
         self
     }
 
@@ -152,16 +158,18 @@ impl<'a> PassBuilder<'a> {
             bind_group,
             params: bound.params,
             extent,
+            versions: self.versions,
         })
     }
 }
 
 impl Pass {
-    /// Records the pass.
+    /// Records the pass; the arrays that it writes count it.
     pub fn record(&self, work: &mut Recorder) {
         if matches!(self.extent, Extent::Groups(groups) if groups.contains(&0)) {
             return;
         }
+        self.versions.iter().for_each(Version::next);
         work.compute(&self.name, |pass| {
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &self.bind_group, &[]);

@@ -154,6 +154,7 @@ impl<'e> Recorder<'e> {
     /// Copies the whole of one array into another of the same kind and length.
     pub fn copy_array(&mut self, from: &Array, to: &Array) {
         debug_assert_eq!((from.texel(), from.len()), (to.texel(), to.len()));
+        to.touch();
         let (from, to) = (from.texture(), to.texture());
         // One may have more room than the other.
         let size = wgpu::Extent3d {

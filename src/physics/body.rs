@@ -310,7 +310,7 @@ impl Body {
     /// what they find. Not needed after writing [`Body::force_array`].
     pub fn changed(&mut self) {
         self.moves += 1;
-        self.nodes.mark_moved();
+        self.nodes.array().touch();
     }
 
     /// A number that changes whenever the body is changed from outside: its state, pins, forces,
@@ -325,10 +325,6 @@ impl Body {
             state: self.moves + versions.grabs,
             any: self.moves + versions.any,
         }
-    }
-
-    pub(super) fn mark_moved(&mut self) {
-        self.nodes.mark_moved();
     }
 
     /// Writes the external forces that were set.

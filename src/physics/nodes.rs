@@ -7,14 +7,13 @@ use glam::{DVec3, Vec3};
 
 /// The positions of a mesh's nodes on the GPU, with or without physics behind them.
 ///
-/// Node i of the mesh is item i of the array, in the local frame. Whoever changes the texture by
-/// other means than this says so with [`Nodes::mark_moved`].
+/// Node i of the mesh is item i of the array, in the local frame. Their version tells whether they
+/// have moved; who writes the texture by other means than Palpate's says so with [`Array::touch`].
 #[derive(Clone, Debug)]
 pub struct Nodes {
     gpu: Gpu,
     positions: Array,
     frame: LocalFrame,
-    version: u64,
 }
 
 impl<'a> From<&'a Nodes> for Positions<'a> {
@@ -42,7 +41,6 @@ impl Nodes {
             gpu: gpu.clone(),
             positions: gpu.roomy_array_of("positions", Texel::F32x4, &local)?,
             frame,
-            version: 0,
         })
     }
 
@@ -69,12 +67,7 @@ impl Nodes {
 
     /// A number that changes whenever the nodes may have moved.
     pub fn version(&self) -> u64 {
-        self.version
-    }
-
-    /// Says that the positions were or will be changed on the GPU.
-    pub fn mark_moved(&mut self) {
-        self.version += 1;
+        self.positions.version()
     }
 
     /// Moves the nodes to `positions`, in file units; sets w to 1.
@@ -84,7 +77,6 @@ impl Nodes {
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         let local = self.check("positions", positions, |p| self.frame.to_local(p))?;
         self.gpu.write_array(&self.positions, &local)?;
-        self.mark_moved();
         Ok(())
     }
 
@@ -112,7 +104,6 @@ impl Nodes {
         self.gpu.resize(&mut self.positions, "positions", len)?;
         self.gpu
             .write_items(&self.positions, first as u32, texels)?;
-        self.mark_moved();
         Ok(())
     }
 

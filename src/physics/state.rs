@@ -115,14 +115,12 @@ impl Body {
         self.flush_masses()?;
         self.written = Some(self.loads.versions);
         self.moves = state.moves;
-        self.nodes.mark_moved();
         Ok(())
     }
 
     /// Puts the nodes, without velocities, where a cut found them.
     pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]]) -> Result<()> {
         put_back(&self.gpu, self.nodes.array(), texels)?;
-        self.nodes.mark_moved();
         Ok(())
     }
 }

@@ -233,7 +233,6 @@ impl<S: Scheme> Stepper<S> {
         }
         self.clock.record(steps, dt);
         self.unseen = true;
-        body.mark_moved();
         Ok(())
     }
 

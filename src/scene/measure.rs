@@ -195,7 +195,7 @@ impl Stage {
     fn record_frame(&mut self, target: &wgpu::TextureView) -> Result<()> {
         let gpu: Gpu = self.gpu.clone();
         let mut work = gpu.record();
-        self.raycaster.geometry_mut().moved();
+        self.raycaster.geometry().positions().touch();
         self.record(&mut work, target)?;
         work.submit()
     }

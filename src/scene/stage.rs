@@ -39,7 +39,6 @@ pub struct Stage {
     pub(super) background: Background,
     pub(super) bits: BitDepth,
     pub(super) steps: u32,
-    pub(super) drawn_version: u64,
     /// The last picture, as long as nothing has changed since.
     pub(super) cached: Option<CachedFrame>,
     /// Pictures drawn, and those for which the last one stood.
@@ -165,7 +164,6 @@ impl Stage {
             background: scene.background()?,
             bits: scene.bits()?,
             steps: scene.solver.steps.unwrap_or(STEPS),
-            drawn_version: drive.nodes().version(),
             cached: None,
             pictures: [0; 2],
             depth: None,
@@ -311,16 +309,10 @@ impl Stage {
         }
     }
 
-    /// Brings the nodes that are drawn to where the body is, and tells the raycaster if they may
-    /// have moved since it last drew.
-    pub(super) fn notice_moves(&mut self, work: &mut Recorder) -> Result<()> {
+    /// Brings the nodes that are drawn to where the body is.
+    pub(super) fn publish(&mut self, work: &mut Recorder) -> Result<()> {
         if let Drive::Simulated(motion) = &mut self.drive {
             motion.simulator.publish(work)?;
-        }
-        let version = self.drive.nodes().version();
-        if version != self.drawn_version {
-            self.drawn_version = version;
-            self.raycaster.geometry_mut().moved();
         }
         Ok(())
     }
@@ -343,9 +335,9 @@ impl Stage {
     /// As [`Raycaster::image`].
     pub fn image(&mut self) -> Result<Image> {
         let mut work = self.gpu.record();
-        self.notice_moves(&mut work)?;
+        self.publish(&mut work)?;
         work.submit()?;
-        let version = self.drawn_version;
+        let version = self.drive.nodes().version();
         if let Some(cached) = &self.cached
             && (cached.version, cached.camera) == (version, self.camera)
         {
@@ -384,7 +376,7 @@ impl Stage {
     /// # Errors
     /// As [`Raycaster::record`].
     pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
-        self.notice_moves(work)?;
+        self.publish(work)?;
         let background = Some([0.0, 0.0, 0.0, 1.0]);
         let target = Target {
             colour,

@@ -212,7 +212,6 @@ impl GridBody {
         // What was under way has nothing to fall back to any more.
         self.flight = None;
         self.set_velocities(&vec![DVec3::ZERO; local.len()])?;
-        self.nodes.mark_moved();
         self.refresh_normals()
     }
 

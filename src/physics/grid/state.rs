@@ -74,7 +74,6 @@ impl GridBody {
         (self.steps, self.time) = (state.steps, state.time);
         (self.changes, self.speed) = (state.changes, state.speed);
         self.dirty = true;
-        self.nodes.mark_moved();
         Ok(())
     }
 
@@ -82,7 +81,6 @@ impl GridBody {
     pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]], normals: &[u32]) -> Result<()> {
         put_back(&self.gpu, self.nodes.array(), texels)?;
         put_back(&self.gpu, &self.normals, normals)?;
-        self.nodes.mark_moved();
         Ok(())
     }
 }

@@ -239,7 +239,6 @@ impl GridBody {
         {
             work.copy_array(backup, &self.positions[n]);
         }
-        self.nodes.mark_moved();
         work.submit()
     }
 
@@ -285,7 +284,6 @@ impl GridBody {
         self.prepared = Some(prepared);
         self.steps += u64::from(steps);
         self.time += f64::from(steps) * dt;
-        self.nodes.mark_moved();
         Ok(())
     }
 

@@ -53,14 +53,13 @@ impl Geometry {
         if cut.removed.is_empty() {
             self.open(mesh, topology, cut, positions, scalars)?;
         } else {
-            let (gpu, version) = (self.gpu.clone(), self.version);
+            let gpu = self.gpu.clone();
             *self = Geometry::with_range(
                 &gpu, mesh, topology, self.frame, positions, scalars, self.range,
             )?;
-            self.version += version;
         }
         self.generation = generation;
-        self.moved();
+        self.refreshed = None;
         Ok(())
     }
 

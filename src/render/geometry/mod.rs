@@ -87,9 +87,8 @@ pub struct Geometry {
     pub(super) place: Vec<u32>,
     /// Counts cuts: what is prepared for its arrays is made for one generation.
     pub(super) generation: u64,
-    /// Counts the changes of the positions, and the one that the records were made for.
-    version: u64,
-    refreshed: u64,
+    /// The version of the positions that the records were made for.
+    refreshed: Option<u64>,
 }
 
 impl Geometry {
@@ -192,8 +191,7 @@ impl Geometry {
             count_inverted,
             place,
             generation: 0,
-            version: 1,
-            refreshed: 0,
+            refreshed: None,
         })
     }
 
@@ -211,13 +209,8 @@ impl Geometry {
         Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &positions, scalars)
     }
 
-    /// Says that the positions have changed, or will have by the next submit: what depends on
-    /// them is refreshed in the next picture's recording.
-    pub fn moved(&mut self) {
-        self.version += 1;
-    }
-
-    /// The positions it is drawn at: xyz in the local frame, one item a node.
+    /// The positions it is drawn at: xyz in the local frame, one item a node. What depends on them
+    /// is made anew in the recording of a picture whenever their version has changed.
     pub fn positions(&self) -> &Array {
         &self.positions
     }
@@ -250,9 +243,10 @@ impl Geometry {
 
     /// Records the refresh of normals and gradients, if the positions changed since the last.
     pub fn record_refresh(&mut self, work: &mut Recorder) {
-        if self.refreshed != self.version {
+        let version = Some(self.positions.version());
+        if self.refreshed != version {
             self.refresh.record(work);
-            self.refreshed = self.version;
+            self.refreshed = version;
         }
     }
 

@@ -299,7 +299,7 @@ pub(super) fn frame_ms(
     };
     median_ms(frames, || {
         let mut work = gpu.record();
-        caster.geometry_mut().moved();
+        caster.geometry().positions().touch();
         caster.record(&mut work, camera, Mode::Composite, &target)?;
         work.submit()?;
         gpu.wait()

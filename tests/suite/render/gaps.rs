@@ -54,7 +54,6 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
     let camera = Camera::orthographic(middle + away, middle, DVec3::Z, 0.3);
     let size = [512, 512];
     let thickness = |caster: &mut Raycaster, mesh: &TetMesh, body: &Body| -> Vec<f32> {
-        caster.geometry_mut().moved();
         let image = caster.image(&camera, size, Mode::Thickness).unwrap();
         let pixel = (0.3 / f64::from(size[1])).powi(2);
         let sum: f64 = image.values.iter().map(|v| f64::from(*v)).sum();
@@ -105,7 +104,6 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
     let image = raycaster.image(&camera, size, Mode::Composite).unwrap();
     keep(&image, "gap.png");
     // One that was not told of the cut still draws the tets as they were.
-    ignorant.geometry_mut().moved();
     let stale = ignorant.image(&camera, size, Mode::Thickness).unwrap();
     assert_eq!(gap(&stale.values), 0);
 }
