@@ -6,6 +6,8 @@
 
 #import lib/springs
 #import lib/cg
+#any #import lib/node_terms
+#each #import terms/TERM
 
 struct BeginParams {
     nodes: u32,
@@ -36,6 +38,10 @@ struct BeginParams {
 @group(0) @binding(12) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read_write> scalars: CgScalars;
 @group(0) @binding(14) var<uniform> params: BeginParams;
+// Two of each term; see their files.
+#any @group(0) @binding(15) var<storage, read> node_terms: array<vec4<f32>>;
+// Two texels a node: h² times what the terms add to its block.
+#any @group(0) @binding(16) var node_blocks: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -81,6 +87,16 @@ fn main(
                 mixed += u.xxy * u.yzz;
             }
         }
+#any         var block = NodeBlock(vec3(0.0), vec3(0.0));
+#any         var one = block;
+#each         one = TERM_block(INDEX, mass.x, x); block.diagonal += one.diagonal; block.mixed += one.mixed;
+#any         let b0 = h * h * vec4(block.diagonal.x, block.mixed.xy, block.diagonal.y);
+#any         let b1 = h * h * vec4(block.mixed.z, block.diagonal.z, 0.0, 0.0);
+#any         textureStore(node_blocks, at(2u * i), b0);
+#any         textureStore(node_blocks, at(2u * i + 1u), b1);
+#any         diagonal += vec3(b0.x, b0.w, b1.y);
+#any         mixed += vec3(b0.yz, b1.x);
+#any         kv -= symmetric(b0, b1, v) / (h * h);
         var r = vec3(0.0);
         var a0 = vec4(0.0);
         var a1 = vec4(0.0);

@@ -4,11 +4,12 @@ use super::{Cage, CageReport, Embedding};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::{
-    ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
-    SimulatorState, SolverKind, TopologyChange,
+    ConjugateGradients, Engine, GrabId, Grip, Loads, NodeTerm, Nodes, Pose, Progress, Report,
+    Simulator, SimulatorState, SolverKind, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// A mesh whose nodes a [`Cage`] carries. The cage is what is simulated: it can be gone round
 /// neither by a cut nor by moving the mesh's own nodes.
@@ -81,6 +82,10 @@ impl Simulator for Carried {
 
     fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
         self.inner.set_integrator(kind, settings)
+    }
+
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        self.inner.add_term(term)
     }
 
     fn largest_stable_step(&self) -> Option<f64> {

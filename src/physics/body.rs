@@ -7,11 +7,13 @@ use super::material::Material;
 use super::network::{Spring, SpringNetwork};
 use super::nodes::Nodes;
 use super::rows::Rows;
+use super::terms::NodeTerm;
 use super::units::Units;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Gives every body its own number.
@@ -48,6 +50,9 @@ pub struct Body {
     pub(super) kept_rows: Rows,
     pub(super) network: SpringNetwork,
     pub(super) material: Material,
+    terms: Vec<Arc<dyn NodeTerm>>,
+    /// The numbers of the terms, if there are any.
+    pub(super) node_terms: Option<wgpu::Buffer>,
     pub(super) units: Units,
     pub(super) loads: Loads,
     /// The loads that the arrays on the GPU have; masses and forces that are none are written.
@@ -111,6 +116,8 @@ impl Body {
             nodes,
             network,
             material: material.clone(),
+            terms: Vec::new(),
+            node_terms: None,
             units,
             generation: 0,
             moves: 0,
@@ -137,6 +144,40 @@ impl Body {
     /// The units of the arrays on the GPU.
     pub fn units(&self) -> Units {
         self.units
+    }
+
+    /// Adds a term to its energy. Solvers that were made for the body take it up with their next
+    /// step, afresh.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    pub fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        self.terms.push(term);
+        let (frame, unit) = self.loads.frame_and_unit();
+        let numbers: Vec<[f32; 4]> = self
+            .terms
+            .iter()
+            .flat_map(|t| t.numbers(&frame, &self.units, unit))
+            .collect();
+        self.node_terms = Some(self.gpu.buffer_of("numbers of terms", &numbers)?);
+        self.generation += 1;
+        self.changed();
+        Ok(())
+    }
+
+    /// The terms of its energy beside the springs.
+    pub fn terms(&self) -> &[Arc<dyn NodeTerm>] {
+        &self.terms
+    }
+
+    /// The shader `name`, composed with the terms.
+    pub(super) fn composed(&self, name: &str) -> String {
+        let terms = self.terms.iter().map(|t| t.name());
+        [name]
+            .into_iter()
+            .chain(terms)
+            .collect::<Vec<_>>()
+            .join(" ")
     }
 
     /// Pins, forces, gravity and grabs.

@@ -2,14 +2,15 @@
 
 use super::{
     Body, BodyState, ConjugateGradients, Engine, GrabId, Grip, ImplicitEuler, Loads, Material,
-    Nodes, Pose, Progress, Report, Simulator, SimulatorState, Solver, SolverKind, SolverState,
-    SpringNetwork, TopologyChange, largest_stable_step,
+    NodeTerm, Nodes, Pose, Progress, Report, Simulator, SimulatorState, Solver, SolverKind,
+    SolverState, SpringNetwork, TopologyChange, largest_stable_step, with_terms,
 };
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// A [`Body`], the mesh it is made of, and its [`Solver`].
 pub struct GpuTets {
@@ -101,8 +102,14 @@ impl Simulator for GpuTets {
         Ok(())
     }
 
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        self.body.add_term(term)
+    }
+
     fn largest_stable_step(&self) -> Option<f64> {
-        largest_stable_step(&self.body.network, self.body.pinned(), self.integrator())
+        let (network, terms) = (&self.body.network, self.body.terms());
+        let limit = largest_stable_step(network, self.body.pinned(), self.integrator())?;
+        Some(with_terms(limit, network, terms))
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {

@@ -103,6 +103,8 @@ impl Default for ConjugateGradients {
 pub struct Scheme {
     settings: ConjugateGradients,
     edges: Array,
+    /// Two texels a node, where the body has terms beside the springs.
+    node_blocks: Option<Array>,
     preconditioner: Array,
     pub(super) product: Array,
     solution: [Array; 2],
@@ -150,6 +152,7 @@ impl stepper::Scheme for Scheme {
         Ok(Scheme {
             settings: ConjugateGradients::default(),
             edges: gpu.roomy_array("edges", Texel::F32x4, body.springs.len() as usize)?,
+            node_blocks: blocks(gpu, body)?,
             preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, 2 * nodes)?,
             product: vector("product")?,
             solution: pair("solution")?,
@@ -166,6 +169,7 @@ impl stepper::Scheme for Scheme {
     fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
         let (gpu, nodes) = (&core.gpu, body.node_count());
         gpu.resize(&mut self.edges, "edges", body.springs.len() as usize)?;
+        self.node_blocks = blocks(gpu, body)?;
         gpu.resize(&mut self.preconditioner, "preconditioner", 2 * nodes)?;
         gpu.resize(&mut self.product, "product", nodes)?;
         for pair in [
@@ -242,6 +246,16 @@ impl stepper::Scheme for Scheme {
     }
 }
 
+/// Room for what the terms of `body` add to the blocks of its nodes, if it has any.
+fn blocks(gpu: &Gpu, body: &Body) -> Result<Option<Array>> {
+    if body.terms().is_empty() {
+        return Ok(None);
+    }
+    let texels = 2 * body.node_count();
+    gpu.roomy_array("blocks of terms", Texel::F32x4, texels)
+        .map(Some)
+}
+
 impl Scheme {
     fn params(&self, core: &Core, timing: Timing) -> CgParams {
         let square = |x: f64| (x * x) as f32;
@@ -269,8 +283,10 @@ impl Scheme {
             _pad1: 0,
             _pad2: 0,
         };
-        core.gpu
-            .pass("physics/implicit_euler_begin")
+        let name = body.composed("physics/implicit_euler_begin");
+        let pass = core
+            .gpu
+            .pass(&name)
             .constant("WORKGROUP", f64::from(core.workgroup))
             .read(body.nodes().array())
             .read(&body.velocities)
@@ -286,8 +302,12 @@ impl Scheme {
             .write(&self.preconditioned[0])
             .write(&self.rz_partials)
             .write(&self.scalars[0])
-            .params(&params)
-            .over(core.groups * core.workgroup)
+            .params(&params);
+        let threads = core.groups * core.workgroup;
+        match (&body.node_terms, &self.node_blocks) {
+            (Some(numbers), Some(blocks)) => pass.read(numbers).write(blocks).over(threads),
+            _ => pass.over(threads),
+        }
     }
 
     /// First half of an iteration, from slot `from` of the vectors to the other.
@@ -298,8 +318,10 @@ impl Scheme {
         from: usize,
         params: &CgParams,
     ) -> Result<Pass> {
-        core.gpu
-            .pass("physics/implicit_euler_direction")
+        let name = body.composed("physics/implicit_euler_direction");
+        let pass = core
+            .gpu
+            .pass(&name)
             .constant("WORKGROUP", f64::from(core.workgroup))
             .read(&self.preconditioned[from])
             .read(&self.direction[from])
@@ -314,8 +336,11 @@ impl Scheme {
             .write(&self.product)
             .write(&self.pq_partials)
             .write(&self.scalars[1 - from])
-            .params(params)
-            .over_indirect(&self.arguments, 0)
+            .params(params);
+        match &self.node_blocks {
+            Some(blocks) => pass.read(blocks).over_indirect(&self.arguments, 0),
+            None => pass.over_indirect(&self.arguments, 0),
+        }
     }
 
     /// Second half of an iteration.

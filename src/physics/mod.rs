@@ -32,6 +32,7 @@ mod state;
 mod step;
 mod stepper;
 mod symplectic_euler;
+mod terms;
 mod tissue;
 #[cfg(test)]
 mod twin_tests;
@@ -56,8 +57,10 @@ pub use report::{Energy, Report};
 pub use simulator::{Pose, Simulator, SimulatorState, TopologyChange};
 pub use solver::Solver;
 pub use stability::largest_stable_step;
+use stability::with_terms;
 pub use state::{BodyState, SolverState};
 pub use stepper::Stepper;
+pub use terms::{Floor, NodeTerm};
 pub use tissue::{TISSUES, Tissue};
 pub use units::Units;
 

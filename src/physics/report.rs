@@ -11,7 +11,7 @@ use rayon::prelude::*;
 pub struct Energy {
     /// Of motion, Σ ½mv².
     pub kinetic: f64,
-    /// In the springs, Σ ½κ(|x| − L)².
+    /// In the springs, Σ ½κ(|x| − L)², and in the terms beside them.
     pub elastic: f64,
     /// Kinetic and elastic.
     pub total: f64,
@@ -40,7 +40,16 @@ impl Report {
     pub fn new(body: &Body, mesh: &TetMesh) -> Result<Report> {
         let positions = body.positions()?;
         let velocities = body.velocities()?;
-        let energy = energy(body.network(), &positions, &velocities);
+        let mut energy = energy(body.network(), &positions, &velocities);
+        for term in body.terms() {
+            let network = body.network();
+            let nodes = network.masses.iter().zip(&positions);
+            let stored: f64 = nodes
+                .map(|(m, x)| term.energy(*m, network.to_metres(*x)))
+                .sum();
+            energy.elastic += stored;
+            energy.total += stored;
+        }
         Ok(Report::of_positions(energy, mesh, &positions))
     }
 

@@ -1,14 +1,15 @@
 //! What everything that moves a body can do, whatever it is made of and whatever steps it.
 
 use super::{
-    ConjugateGradients, Engine, GrabId, GridState, Grip, Loads, Nodes, Progress, Report,
+    ConjugateGradients, Engine, GrabId, GridState, Grip, Loads, NodeTerm, Nodes, Progress, Report,
     SolverKind, SpringNetwork, TetState,
 };
-use crate::Result;
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
+use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// A body and what moves it.
 ///
@@ -47,8 +48,19 @@ pub trait Simulator: Send {
     /// Steps by another scheme from now on, afresh from positions and velocities.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for one that it does not have.
+    /// [`Error::Input`] for one that it does not have.
     fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()>;
+
+    /// Adds a term to its energy.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body that knows springs only.
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        Err(Error::Input(format!(
+            "a {} cannot act on a grid body, which knows springs only; simulate tets",
+            term.name()
+        )))
+    }
 
     /// The largest stable step of its scheme at rest, s; none where any step is stable.
     fn largest_stable_step(&self) -> Option<f64>;
@@ -56,14 +68,14 @@ pub trait Simulator: Send {
     /// Asks for `steps` more steps of `dt` seconds.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for a step that makes no sense; otherwise what the
+    /// [`Error::Input`] for a step that makes no sense; otherwise what the
     /// device refuses.
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()>;
 
     /// How far the simulation is known to be, without waiting.
     ///
     /// # Errors
-    /// [`Error::Solver`](crate::Error::Solver) when a step failed; the steps left are dropped.
+    /// [`Error::Solver`] when a step failed; the steps left are dropped.
     fn progress(&mut self) -> Result<Progress>;
 
     /// Waits for all steps asked for.
@@ -127,7 +139,7 @@ pub trait Simulator: Send {
     /// Moves the nodes.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for a wrong number of positions, one that is not
+    /// [`Error::Input`] for a wrong number of positions, one that is not
     /// finite, or a body whose nodes cannot be moved.
     fn set_positions(&mut self, positions: &[DVec3]) -> Result<()>;
 
@@ -156,7 +168,7 @@ pub trait Simulator: Send {
     /// Pins nodes of the mesh: they stay where they are.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for a node that does not exist.
+    /// [`Error::Input`] for a node that does not exist.
     fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
         self.loads_mut().pin_nodes(nodes)
     }
@@ -164,7 +176,7 @@ pub trait Simulator: Send {
     /// Sets the external force on every node of the mesh, N.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for a wrong number of forces or one that is not
+    /// [`Error::Input`] for a wrong number of forces or one that is not
     /// finite.
     fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.loads_mut().set_forces(forces)
@@ -173,7 +185,7 @@ pub trait Simulator: Send {
     /// Grabs the nodes within `radius` of `centre`: reads the positions back once.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) where there is nothing to grab, or for numbers that
+    /// [`Error::Input`] where there is nothing to grab, or for numbers that
     /// make no sense.
     fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId>;
 
@@ -197,7 +209,7 @@ pub trait Simulator: Send {
     /// follows the change that is returned; a blade that hits nothing changes nothing.
     ///
     /// # Errors
-    /// As [`cut`](crate::mesh::cut()); [`Error::Input`](crate::Error::Input) for a body that
+    /// As [`cut`](crate::mesh::cut()); [`Error::Input`] for a body that
     /// cannot be cut.
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange>;
 
@@ -230,7 +242,7 @@ pub trait Simulator: Send {
     /// same way: the steps that follow are those that would have followed there.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for the state of another.
+    /// [`Error::Input`] for the state of another.
     fn set_state(&mut self, state: &SimulatorState) -> Result<()>;
 
     /// Where it stands, to the bit, as a cut finds it.
@@ -242,7 +254,7 @@ pub trait Simulator: Send {
     /// Puts its nodes, without velocities, where a cut found them.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for the pose of another.
+    /// [`Error::Input`] for the pose of another.
     fn set_pose(&mut self, pose: &Pose) -> Result<()>;
 }
 

@@ -2,7 +2,9 @@
 
 use super::kind::SolverKind;
 use super::network::SpringNetwork;
+use super::terms::NodeTerm;
 use crate::reference::spectrum::Linearised;
+use std::sync::Arc;
 
 /// The largest stable time step of `solver` for `network` at rest with these nodes pinned, in
 /// seconds; `None` for implicit Euler, which has none.
@@ -17,4 +19,16 @@ pub fn largest_stable_step(
 ) -> Option<f64> {
     let limit = Linearised::new(network, pinned).largest_step(solver)?;
     Some(limit.step)
+}
+
+/// A step that stays stable with `terms` where `limit` is without: their largest ω² is added to
+/// that of the springs, ω = 2/h.
+pub(super) fn with_terms(limit: f64, network: &SpringNetwork, terms: &[Arc<dyn NodeTerm>]) -> f64 {
+    let masses = || network.masses.iter().filter(|m| **m > 0.0);
+    let squares = terms.iter().map(|term| {
+        let each = masses().map(|m| term.stiffness(*m) / m);
+        each.fold(0.0, f64::max)
+    });
+    let square = 4.0 / (limit * limit) + squares.sum::<f64>();
+    2.0 / square.sqrt()
 }

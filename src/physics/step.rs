@@ -11,7 +11,7 @@ use glam::DVec3;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/physics/spring_forces.wgsl`.
+        /// See `shaders/physics/forces.wgsl`.
         pub struct ForceParams {
             pub gravity: [f32; 4],
             pub nodes: u32,
@@ -230,8 +230,10 @@ impl Core {
             _pad1: 0,
             _pad2: 0,
         };
-        self.gpu
-            .pass("physics/spring_forces")
+        let name = body.composed("physics/forces");
+        let pass = self
+            .gpu
+            .pass(&name)
             .constant("WORKGROUP", f64::from(self.workgroup))
             .read(positions)
             .read(velocities)
@@ -243,8 +245,11 @@ impl Core {
             .read(&self.status)
             .write(&self.forces)
             .write(&self.partials)
-            .params(&params)
-            .over(self.groups * self.workgroup)
+            .params(&params);
+        match &body.node_terms {
+            Some(numbers) => pass.read(numbers).over(self.groups * self.workgroup),
+            None => pass.over(self.groups * self.workgroup),
+        }
     }
 
     /// `kind` as in `shaders/physics/check.wgsl`.

@@ -2,9 +2,10 @@
 //!
 //! Everything is in SI units, positions in metres from the network's origin.
 
-use crate::physics::{Damping, Spring, SpringNetwork};
+use crate::physics::{Damping, NodeTerm, Spring, SpringNetwork};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// A network that can be pushed and held, and its state.
 #[derive(Clone, Debug)]
@@ -21,6 +22,8 @@ pub struct Particles {
     pub gravity: DVec3,
     /// Nodes that do not move.
     pub pinned: Vec<bool>,
+    /// What acts on each node by itself.
+    pub terms: Vec<Arc<dyn NodeTerm>>,
     /// Every node's springs.
     rows: Vec<Vec<u32>>,
 }
@@ -42,6 +45,7 @@ impl Particles {
             gravity: DVec3::ZERO,
             // A massless node has no equation of motion: it stays.
             pinned: network.masses.iter().map(|m| *m <= 0.0).collect(),
+            terms: Vec::new(),
             network,
             rows,
         }
@@ -79,7 +83,11 @@ impl Particles {
             s.stiffness * (d.length() - s.length) * n + self.network.spring_damping(s) * braked
         });
         for (i, f) in f.iter_mut().enumerate() {
-            *f += self.network.masses[i] * self.gravity + self.external[i];
+            let m = self.network.masses[i];
+            *f += m * self.gravity + self.external[i];
+            for term in &self.terms {
+                *f += term.force(m, self.x[i]);
+            }
         }
         f
     }
@@ -94,14 +102,18 @@ impl Particles {
         .collect()
     }
 
-    /// Energy in the springs, Σ ½κ(|x| − L)² (equation 1), J.
+    /// Energy in the springs, Σ ½κ(|x| − L)² (equation 1), and of the terms, J.
     pub fn elastic_energy(&self) -> f64 {
         let energy = |s: &Spring| {
             let [a, b] = s.nodes.map(|v| self.x[v as usize]);
             0.5 * s.stiffness * (a.distance(b) - s.length).powi(2)
         };
         let springs = self.network.springs.par_iter().with_min_len(1024);
-        springs.map(energy).sum()
+        let of_nodes = self.terms.iter().map(|term| -> f64 {
+            let nodes = self.network.masses.iter().zip(&self.x);
+            nodes.map(|(m, x)| term.energy(*m, *x)).sum()
+        });
+        springs.map(energy).sum::<f64>() + of_nodes.sum::<f64>()
     }
 
     /// Energy of motion, Σ ½mv², J.
@@ -133,7 +145,13 @@ impl Particles {
 
     /// (∂f/∂x) p of the springs' elastic forces; `clamped` gives K̃ p instead.
     pub fn stiffness_product(&self, p: &[DVec3], clamped: bool) -> Vec<DVec3> {
-        self.gather(|i, j, s| self.stiffness_block(i, j, s, clamped) * (p[j] - p[i]))
+        let mut kp = self.gather(|i, j, s| self.stiffness_block(i, j, s, clamped) * (p[j] - p[i]));
+        for term in &self.terms {
+            for (i, kp) in kp.iter_mut().enumerate() {
+                *kp -= term.block(self.network.masses[i], self.x[i]) * p[i];
+            }
+        }
+        kp
     }
 
     /// (∂f/∂v) p of the damping forces (equation 5).
@@ -192,8 +210,12 @@ impl Particles {
                 };
             h * c + h * h * self.stiffness_block(i, j, s, true)
         });
-        for (block, m) in blocks.iter_mut().zip(&self.network.masses) {
+        let nodes = self.network.masses.iter().zip(&self.x);
+        for (block, (m, x)) in blocks.iter_mut().zip(nodes) {
             *block += DMat3::IDENTITY * *m;
+            for term in &self.terms {
+                *block += h * h * term.block(*m, *x);
+            }
         }
         blocks
     }

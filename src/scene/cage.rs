@@ -70,6 +70,12 @@ impl Scene {
                 "a mesh that a cage carries cannot be cut; leave [cage] or [[cut]] out".into(),
             ));
         }
+        if self.floor.is_some() {
+            return Err(Error::Input(
+                "a mesh that a cage carries does not feel a floor; leave [cage] or [floor] out"
+                    .into(),
+            ));
+        }
         let fine = SpringNetwork::new(&mesh, material)?;
         let mut cage = Cage::new(&mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
         let (held, end) = self.held(&mesh, &fine)?;

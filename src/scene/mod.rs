@@ -92,6 +92,8 @@ pub struct Scene {
     pub grid: Option<GridEntry>,
     /// Simulates a coarse body in place of the mesh, which it carries.
     pub cage: Option<CageEntry>,
+    /// A floor that pushes the body back.
+    pub floor: Option<FloorEntry>,
     /// What grabs the body, and where to.
     #[serde(default)]
     pub grab: Vec<GrabEntry>,
@@ -280,6 +282,26 @@ pub struct ForceEntry {
     pub on: Region,
     /// The sum of the forces on them, in N.
     pub total: [f64; 3],
+}
+
+/// A floor: a plane below which the nodes of a body of tets are pushed back. A body above a floor
+/// is held by nothing but its pins.
+///
+/// ```toml
+/// [floor]
+/// point = [0.0, 0, -0.2]  # on it, in the mesh's unit
+/// normal = [0.0, 0, 1]    # out of it
+/// rate = 1000.0           # how hard it pushes: a node alone would swing so fast, 1/s
+/// ```
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FloorEntry {
+    /// A point of it.
+    pub point: [f64; 3],
+    /// The direction out of it; +z where nothing is said.
+    pub normal: Option<[f64; 3]>,
+    /// How hard it pushes, 1/s.
+    pub rate: Option<f64>,
 }
 
 /// A grid body: particles on a regular grid, carved out of what `[mesh]` names (a volume by its

@@ -1,17 +1,18 @@
 //! From a scene's material, solver, pins and forces to the simulator that moves its body.
 
-use super::Scene;
 use super::load::{Response, said, weight};
+use super::{FloorEntry, Scene};
 use crate::cage::CageReport;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
 use crate::physics::{
-    Body, ConjugateGradients, GpuTets, HeldEnd, ImplicitEuler, Material, Simulator, Solver,
+    Body, ConjugateGradients, Floor, GpuTets, HeldEnd, ImplicitEuler, Material, Simulator, Solver,
     SolverKind, SpringNetwork, largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Gravity where a scene does not say, in m/s².
 pub(super) const GRAVITY: f64 = 9.81;
@@ -85,6 +86,16 @@ impl Setup {
             (None, None) => scene.tet_simulator(gpu, kind, mesh, material, &mut notes)?,
         };
         Ok((setup, notes))
+    }
+}
+
+impl FloorEntry {
+    /// The floor below the body of `simulator`.
+    pub(super) fn term(&self, simulator: &dyn Simulator) -> Result<Floor> {
+        let (frame, unit) = simulator.loads().frame_and_unit();
+        let point = (DVec3::from(self.point) - frame.origin) * unit;
+        let normal = self.normal.map_or(DVec3::Z, DVec3::from);
+        Floor::new(point, normal, self.rate.unwrap_or(Floor::RATE))
     }
 }
 
@@ -184,7 +195,10 @@ impl Scene {
             let nodes = region.nodes(simulator.mesh())?;
             simulator.pin_nodes(&nodes)?;
         }
-        let end = match self.pin.is_empty() {
+        if let Some(floor) = &self.floor {
+            simulator.add_term(Arc::new(floor.term(simulator.as_ref())?))?;
+        }
+        let end = match self.pin.is_empty() && self.floor.is_none() {
             true => Some(self.held_end(simulator.as_ref())),
             false => None,
         };

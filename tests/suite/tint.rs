@@ -16,7 +16,14 @@ fn every_composed_shader_is_written_for_a_browser() {
 }
 
 fn composed() -> palpate::Result<Value> {
+    // With a term, as bodies have it beside springs.
+    let with_term = [
+        "physics/forces floor",
+        "physics/implicit_euler_begin floor",
+        "physics/implicit_euler_direction floor",
+    ];
     shader_names()
+        .chain(with_term)
         .map(|name| {
             let module = parse(name)?;
             Ok(json!({

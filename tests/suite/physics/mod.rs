@@ -8,6 +8,7 @@ mod cuts;
 mod derivatives;
 mod extremes;
 mod failures;
+mod floors;
 mod grabs;
 mod grids;
 mod invariance;

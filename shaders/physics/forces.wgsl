@@ -1,10 +1,13 @@
-// Forces on every node at a state, and that state's energies: equations 2 and 3 of Tejada & Ertl.
+// Forces on every node at a state, and that state's energies: equations 2 and 3 of Tejada & Ertl,
+// and what terms that it is composed with add.
 //
-// f_i = Σ κ(|x_ij| − L) x̂ − κ_d(v_i − v_j) + m_i g + external, in local units.
+// f_i = Σ κ(|x_ij| − L) x̂ − κ_d(v_i − v_j) + m_i g + external + terms, in local units.
 
 #import lib/springs
 #import lib/reduce
 #import lib/status
+#any #import lib/node_terms
+#each #import terms/TERM
 
 struct ForceParams {
     gravity: vec4<f32>,
@@ -32,6 +35,8 @@ struct ForceParams {
 // A workgroup's kinetic energy, elastic energy, power of the external forces, non-finite nodes.
 @group(0) @binding(9) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(10) var<uniform> params: ForceParams;
+// Two of each term; see their files.
+#any @group(0) @binding(11) var<storage, read> node_terms: array<vec4<f32>>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -68,12 +73,17 @@ fn main(
             }
         }
         let m = textureLoad(masses, at(i), 0).x;
+#any         var share = vec4(0.0);
+#each         share += TERM_force(INDEX, m, x);
+#any         f += share.xyz;
+        // Each spring is met from both ends.
+        var energy = 0.25 * elastic;
+#any         energy += share.w;
         let pull = m * params.gravity.xyz + params.newton * textureLoad(external_forces, at(i), 0).xyz;
         f += pull;
         textureStore(forces, at(i), vec4(f, 0.0));
-        // Each spring is met from both ends.
         let bad = select(1.0, 0.0, finite3(x) && finite3(v) && finite3(f));
-        sum += vec4(0.5 * m * dot(v, v), 0.25 * elastic, dot(pull, v), bad);
+        sum += vec4(0.5 * m * dot(v, v), energy, dot(pull, v), bad);
     }
     let total = reduce(sum, lane);
     if lane == 0u {

@@ -1,0 +1,65 @@
+//! A floor, which is a term of the energy beside the springs.
+
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::mesh::generate;
+use palpate::physics::{Floor, GpuTets, Material, NodeTerm, Simulator, SolverKind};
+use std::sync::Arc;
+
+/// A ball of 0.1 m, dropped from a hundredth of a metre onto a floor, or through none.
+fn dropped(kind: SolverKind, floor: bool) -> (Box<dyn Simulator>, Floor) {
+    let mesh = generate::ball(0.05, 6).unwrap();
+    let material = Material {
+        damping_time: 2e-3,
+        ..Material::young(2e4)
+    };
+    let mut ball = GpuTets::new(&gpu(), mesh, &material, kind).unwrap();
+    let term = Floor::new(DVec3::new(0.0, 0.0, -0.06), DVec3::Z, 500.0).unwrap();
+    if floor {
+        ball.add_term(Arc::new(term)).unwrap();
+    }
+    ball.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
+    let dt = ball.largest_stable_step().map_or(0.005, |h| 0.9 * h);
+    ball.run((0.5 / dt) as u32, dt).unwrap();
+    (Box::new(ball), term)
+}
+
+#[test]
+fn a_ball_comes_to_rest_on_a_floor() {
+    for kind in [SolverKind::Implicit, SolverKind::Symplectic] {
+        let (ball, floor) = dropped(kind, true);
+        let positions = ball.positions().unwrap();
+        let lowest = positions.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+        assert!((-0.0605..-0.0595).contains(&lowest), "{kind}: {lowest}");
+        // What the floor bears is the weight.
+        let (frame, unit) = ball.loads().frame_and_unit();
+        let nodes = positions.iter().zip(ball.masses());
+        let borne: DVec3 = nodes
+            .map(|(p, m)| floor.force(*m, (*p - frame.origin) * unit))
+            .sum();
+        let weight = 9.81 * ball.masses().iter().sum::<f64>();
+        println!("{kind}: lowest {lowest:.5}, borne {borne} of {weight}");
+        assert!((borne.z / weight - 1.0).abs() < 0.02, "{kind}: {borne}");
+        assert!(borne.truncate().length() < 1e-3 * weight);
+        assert_eq!(ball.report().unwrap().inverted, 0);
+    }
+    // It can fail: without a floor the ball is gone.
+    let (ball, _) = dropped(SolverKind::Implicit, false);
+    assert!(ball.positions().unwrap().iter().all(|p| p.z < -0.5));
+}
+
+#[test]
+fn scenes_have_floors() {
+    let scene = "[mesh]\ngenerate = \"bar\"\ntets = 300\n[solver]\nname = \"implicit\"\ndt = 0.01\n\
+                 [floor]\npoint = [0, 0, -0.3]\n[picture]\nsize = [64, 64]\n";
+    let mut scene: palpate::scene::Scene = toml::from_str(scene).unwrap();
+    let mut stage = palpate::scene::Stage::new(&gpu(), &scene).unwrap();
+    assert!(!stage.notes().iter().any(|n| n.starts_with("held")));
+    stage.run(80, &mut |_| {}).unwrap();
+    let mesh = stage.deformed_mesh().unwrap();
+    let lowest = mesh.nodes.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+    assert!((-0.31..-0.29).contains(&lowest), "{lowest}");
+    scene.floor.as_mut().unwrap().normal = Some([0.0; 3]);
+    let wrong = palpate::scene::Stage::new(&gpu(), &scene).err().unwrap();
+    assert!(wrong.to_string().contains("makes no sense"), "{wrong}");
+}
