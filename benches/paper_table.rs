@@ -11,9 +11,9 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, Topology, depth_field, generate};
+use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::steppers;
 use palpate::physics::{Body, Material, Solver, SolverKind, SpringNetwork, largest_stable_step};
-use palpate::reference::springs::Particles;
-use palpate::reference::steppers;
 use palpate::render::{
     Camera, Geometry, Mode, Raycaster, Shading, Surface, SurfaceColour, SurfaceTarget, Target,
     TransferFunction,

@@ -8,9 +8,9 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::generate;
+use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::steppers;
 use palpate::physics::{Body, Material, SolverKind, SpringNetwork, largest_stable_step};
-use palpate::reference::springs::Particles;
-use palpate::reference::steppers;
 use std::time::{Duration, Instant};
 
 fn main() -> palpate::Result<()> {

@@ -14,7 +14,6 @@ pub mod io;
 pub mod mesh;
 pub mod mesher;
 pub mod physics;
-pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod skin;

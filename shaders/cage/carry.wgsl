@@ -1,4 +1,4 @@
-// Nodes of a fine mesh where the tets of a cage have carried them. The twin of `reference::cage`.
+// Nodes of a fine mesh where the tets of a cage have carried them. The twin of `Transfer::apply`.
 
 #import lib/array
 

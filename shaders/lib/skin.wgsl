@@ -1,5 +1,5 @@
 // Vertices carried by the nodes of base triangles: equations 4 to 9 of Mosegaard & Sørensen. The
-// twin of `reference::skin`.
+// twin of `skin::basis`.
 //
 // Needs the globals `positions`, `node_normals` (packed) and `vertices`: four texels a vertex,
 // which are its nodes and flags; offset and second weight; normal and third weight; tangent and

@@ -1,6 +1,6 @@
 // One step of Verlet on a grid of particles with implicit connections: forces of the 18
 // neighbours, the next position, and on request the approximate normal, in one pass (Mosegaard,
-// Herborg & Sørensen 2005, section 2.3). The twin of `reference::grid`.
+// Herborg & Sørensen 2005, section 2.3). The twin of `physics::grid::plain`.
 
 #import lib/array
 #import lib/normals

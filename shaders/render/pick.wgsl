@@ -1,6 +1,6 @@
 // The first of a list of triangles that one ray meets, from either side, and where. With the
 // arithmetic of the rays' starts, so that what is picked is what the pixel shows. The twin of
-// `reference::first_hit`.
+// `render::first_hit`.
 //
 // Three passes over the same bindings: how near, then which, then where.
 

@@ -1,6 +1,6 @@
 // Which triangles of a skin are drawn, a bit each, 32 an invocation. A triangle is left out where
 // no vertex of it is needed to know that it faces away or lies outside the picture. The twin of
-// `reference::culling::is_skipped`.
+// `skin::culling::is_skipped`.
 
 #import lib/array
 

@@ -1,6 +1,6 @@
 // How each base triangle stands to the eye: the least angle between the direction to the eye and
 // the normals that carry skin on it, how much it strains what it carries, and the sides of
-// the picture that it lies beyond. Once a picture. The twin of `reference::culling::outlook`.
+// the picture that it lies beyond. Once a picture. The twin of `skin::culling::outlook`.
 
 #import lib/array
 #import lib/normals

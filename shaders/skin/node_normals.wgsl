@@ -1,5 +1,5 @@
 // Packed normals of the nodes of base triangles: the triangles around a node summed by area.
-// Whenever a skin is drawn. The twin of `reference::skin::node_normals`.
+// Whenever a skin is drawn. The twin of `skin::basis::node_normals`.
 
 #import lib/array
 #import lib/normals

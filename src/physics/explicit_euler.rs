@@ -1,4 +1,4 @@
-//! Explicit Euler; the twin of `shaders/physics/explicit_euler.wgsl` and `reference::steppers::explicit_euler`.
+//! Explicit Euler; the twin of `shaders/physics/explicit_euler.wgsl` and `physics::plain::steppers::explicit_euler`.
 
 use super::step::{Core, StepPasses, Timing};
 use super::stepper;

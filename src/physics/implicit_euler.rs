@@ -1,5 +1,5 @@
 //! Implicit Euler after Baraff & Witkin; the twin of `shaders/physics/implicit_euler*.wgsl` and
-//! `reference::steppers::implicit_euler`.
+//! `physics::plain::steppers::implicit_euler`.
 //!
 //! A step sets up the system (one pass), runs conjugate gradients (two passes an iteration, the
 //! sums of either half added up at the start of the next), and moves the nodes. Iterations are

@@ -3,7 +3,7 @@
 use super::kind::SolverKind;
 use super::network::SpringNetwork;
 use super::terms::NodeTerm;
-use crate::reference::spectrum::Linearised;
+use crate::physics::spectrum::Linearised;
 use std::sync::Arc;
 
 /// The largest stable time step of `solver` for `network` at rest with these nodes pinned, in

@@ -1,4 +1,4 @@
-//! Symplectic Euler; the twin of `shaders/physics/symplectic_euler.wgsl` and `reference::steppers::symplectic_euler`.
+//! Symplectic Euler; the twin of `shaders/physics/symplectic_euler.wgsl` and `physics::plain::steppers::symplectic_euler`.
 
 use super::step::{Core, StepPasses, Timing};
 use super::stepper;

@@ -7,7 +7,7 @@ use super::stepper::Scheme;
 use super::{Body, Damping, Floor, ImplicitEuler, Material, NodeTerm, Solver, SpringNetwork};
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{TetMesh, generate};
-use crate::reference::springs::Particles;
+use crate::physics::plain::springs::Particles;
 use glam::DVec3;
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
 //! Velocity Verlet; the twin of `shaders/physics/velocity_verlet*.wgsl` and
-//! `reference::steppers::VelocityVerlet`.
+//! `physics::plain::steppers::VelocityVerlet`.
 //!
 //! The forces at the end of a step are those that the next begins with. Damping there is taken at
 //! the velocity v + h a, not at the v + ½h a that moved the nodes: so it is right to second order

@@ -1,5 +1,5 @@
 //! Verlet's scheme, x' = 2x − x₋₁ + h² a; the twin of `shaders/physics/verlet.wgsl` and
-//! `reference::steppers::Verlet`.
+//! `physics::plain::steppers::Verlet`.
 //!
 //! What is kept is the increment v = (x − x₋₁)/h, which loses no digits in f32. A first step, or
 //! one of another length than the last, is kicked by the mean of the two lengths, which for

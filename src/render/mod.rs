@@ -4,6 +4,7 @@
 
 mod camera;
 mod compare;
+mod first_hit;
 mod flip;
 mod geometry;
 mod image;
@@ -11,24 +12,29 @@ mod peel;
 mod pick;
 mod presets;
 mod quality;
+mod ray_integral;
 mod raycast_options;
 mod raycast_report;
 mod raycaster;
 mod surface;
 mod table;
+mod tet_geometry;
 mod tiles;
 mod transfer;
 mod view;
 
 pub use camera::{Camera, Projection, Ray};
 pub use compare::Difference;
+pub use first_hit::{Hit, first_hit};
 pub use geometry::{Geometry, Scalars, local_positions};
 pub use image::{Background, BitDepth, Image};
 pub use pick::Pick;
+pub use ray_integral::{RayReference, Segment, segment_integral};
 pub use raycast_options::{Mode, RaycastOptions, RaycastReport, Target, Walk};
 pub use raycaster::Raycaster;
 pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
 pub use table::{TableForm, TableTexel};
+pub use tet_geometry::{tet_gradient, tet_planes};
 pub use transfer::{ResolvedTransfer, TransferFunction};
 
 pub(crate) use peel::attachment;

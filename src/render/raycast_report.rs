@@ -105,7 +105,7 @@ impl Raycaster {
 
     /// What the table gives for `segments` (scalar in front, scalar behind, length; file units):
     /// colour premultiplied by opacity, and opacity. To be held against
-    /// [`segment_integral`](crate::reference::segment_integral). Waits and reads back.
+    /// [`segment_integral`](crate::render::segment_integral). Waits and reads back.
     ///
     /// # Errors
     /// When the device cannot hold them.

@@ -3,7 +3,7 @@
 use super::binding::{Base, Mapping};
 use super::vertices::Vertices;
 use crate::mesh::{LocalFrame, Tree, unpack_normal};
-use crate::reference::skin::{Bound, basis, place, summed_normal};
+use crate::skin::basis::{Bound, basis, place, summed_normal};
 use crate::{Error, Result};
 use glam::DVec3;
 

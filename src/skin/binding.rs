@@ -3,7 +3,7 @@
 use super::binder::{Binder, Kind, Vertex};
 use super::vertices::Vertices;
 use crate::mesh::LocalFrame;
-use crate::reference::skin::Bound;
+use crate::skin::basis::Bound;
 use crate::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;

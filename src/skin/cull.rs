@@ -10,9 +10,9 @@ use super::draw::Skin;
 use crate::Result;
 use crate::gpu::{Gpu, Pass, Recorder, Texel};
 use crate::mesh::unpack_normal;
-use crate::reference::culling::{CullBase, Tilts};
-use crate::reference::skin::Bound;
 use crate::render::View;
+use crate::skin::basis::Bound;
+use crate::skin::culling::{CullBase, Tilts};
 
 mod gpu_data {
     use crate::render::View;

@@ -5,7 +5,7 @@ use super::binding::{Mapping, records};
 use super::carrier::Carrier;
 use super::draw::Skin;
 use crate::mesh::Blade;
-use crate::reference::skin::Bound;
+use crate::skin::basis::Bound;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;

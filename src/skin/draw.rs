@@ -10,11 +10,11 @@ use super::report::SkinReport;
 use super::vertices::{Vertices, check};
 use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
-use crate::reference::skin::Bound;
 use crate::render::{
     Camera, Image, LocalView, SurfaceTarget, Window, attachment, averaged, depth_target,
     draw_in_tiles,
 };
+use crate::skin::basis::Bound;
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};

@@ -4,7 +4,7 @@ use super::binding::{BindingReport, bind, records};
 use super::carrier::Carrier;
 use super::draw::Skin;
 use crate::gpu::{Array, Texel};
-use crate::reference::skin::Bound;
+use crate::skin::basis::Bound;
 use crate::{Error, Result};
 
 /// What a skin has for each body that can carry it.

@@ -6,11 +6,13 @@
 //! Nothing is read back, and what a vertex is made of never changes.
 
 mod bake;
+pub mod basis;
 mod binder;
 mod binding;
 mod carrier;
 mod composer;
 mod cull;
+pub mod culling;
 mod cut;
 mod draw;
 mod levels;

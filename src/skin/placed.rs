@@ -3,7 +3,7 @@
 use super::draw::Skin;
 use crate::Result;
 use crate::gpu::{Array, Texel};
-use crate::reference::skin::Placed;
+use crate::skin::basis::Placed;
 use glam::{DVec3, Vec3};
 
 mod gpu_data {

@@ -6,6 +6,7 @@
 mod bodies;
 mod cages;
 mod chart;
+pub mod elements;
 mod motion;
 mod pictures;
 mod run;

@@ -8,6 +8,7 @@
 mod body;
 mod cut;
 mod model;
+pub mod plain;
 mod shape;
 mod simulator;
 mod state;

@@ -2,8 +2,8 @@
 
 use super::shape::{GridShape, SPRING_KINDS, STEPS};
 use crate::mesh::LocalFrame;
+use crate::physics::grid::plain::GridTwin;
 use crate::physics::{Material, RegionMaterial, Stiffness};
-use crate::reference::grid::GridTwin;
 use crate::{Error, Result};
 use glam::DVec3;
 

@@ -1,8 +1,8 @@
 //! The motions of a trial on the GPU: run, timed, read back.
 
 use super::trial::{STOPS, Setting};
+use crate::physics::plain::truth::State;
 use crate::physics::{ConjugateGradients, Simulator};
-use crate::reference::truth::State;
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
 use std::time::Instant;

@@ -164,7 +164,7 @@ fn truths(run: &Run, trials: &mut [Trial]) -> Result<Vec<Row>> {
             "float64, extrapolated".into(),
             rounded(trial.h(2 * last.steps)),
             rounded(last.change),
-            rounded(crate::reference::truth::fitted_order(&changes)),
+            rounded(crate::physics::plain::truth::fitted_order(&changes)),
             rounded(last.extrapolated),
             halvings.len().into(),
         ])

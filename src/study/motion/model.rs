@@ -3,9 +3,9 @@
 
 use crate::Result;
 use crate::mesh::generate::{self, Split};
+use crate::physics::plain::springs::Particles;
 use crate::physics::{Material, SpringNetwork};
-use crate::reference::elements::{Cantilever, Elements, spring_equilibrium};
-use crate::reference::springs::Particles;
+use crate::study::elements::{Cantilever, Elements, spring_equilibrium};
 use crate::study::{Axis, Chart, Look, Row, Run, Series};
 use glam::DVec3;
 

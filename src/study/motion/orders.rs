@@ -1,9 +1,9 @@
 //! How fast the schemes come to the truth as the step shrinks, in float64.
 
 use crate::mesh::generate;
+use crate::physics::plain::springs::Particles;
+use crate::physics::plain::truth::{State, TwinScheme, distance, fitted_order, motion, truth};
 use crate::physics::{Material, SolverKind, SpringNetwork};
-use crate::reference::springs::Particles;
-use crate::reference::truth::{State, TwinScheme, distance, fitted_order, motion, truth};
 use crate::study::{Axis, Chart, Look, Row, Run, Series};
 use crate::{Error, Result};
 use glam::DVec3;

@@ -3,11 +3,11 @@
 use super::device::{ACCURATE, on_engine};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, signed_volume};
+use crate::physics::grid::plain::GridTwin;
 use crate::physics::grid::{GpuGrid, GridBody};
+use crate::physics::plain::springs::Particles;
+use crate::physics::plain::truth::{self, State, Truth, TwinScheme};
 use crate::physics::{Body, GpuTets, Simulator, SolverKind, largest_stable_step};
-use crate::reference::grid::GridTwin;
-use crate::reference::springs::Particles;
-use crate::reference::truth::{self, State, Truth, TwinScheme};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::HashMap;

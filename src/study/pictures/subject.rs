@@ -4,7 +4,7 @@
 use crate::gpu::Gpu;
 use crate::mesh::signed_volume;
 use crate::mesh::{LocalFrame, Location, TetMesh, Topology, bounds, depth_field, generate};
-use crate::reference::RayReference;
+use crate::render::RayReference;
 use crate::render::{
     Camera, Geometry, Image, RaycastOptions, Raycaster, Scalars, TransferFunction, local_positions,
 };

@@ -3,10 +3,11 @@
 use super::{GPU, Point};
 use crate::gpu::Gpu;
 use crate::mesh::{Blade, Location, TetMesh, Topology, generate};
+use crate::physics::plain::springs::Particles;
+use crate::physics::plain::steppers;
 use crate::physics::{Body, Material, SolverKind, largest_stable_step};
-use crate::reference::springs::Particles;
-use crate::reference::{RayReference, segment_integral, steppers, tet_gradient, tet_planes};
 use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
+use crate::render::{RayReference, segment_integral, tet_gradient, tet_planes};
 use crate::scene::median_ms;
 use crate::study::Cell;
 use crate::study::pictures::frame_ms;

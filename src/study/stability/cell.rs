@@ -2,12 +2,12 @@
 
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
+use crate::physics::plain::springs::Particles;
+use crate::physics::plain::steppers::VelocityVerlet;
+use crate::physics::spectrum::Linearised;
 use crate::physics::{
     Body, ConjugateGradients, ImplicitEuler, Material, Solver, SolverKind, SpringNetwork,
 };
-use crate::reference::spectrum::Linearised;
-use crate::reference::springs::Particles;
-use crate::reference::steppers::VelocityVerlet;
 use crate::{Error, Result};
 use glam::DVec3;
 

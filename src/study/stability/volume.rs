@@ -3,8 +3,8 @@
 
 use crate::Result;
 use crate::mesh::{TetMesh, generate, signed_volume};
+use crate::physics::plain::springs::Particles;
 use crate::physics::{Material, SpringNetwork};
-use crate::reference::springs::Particles;
 use crate::study::{Axis, Cell, Chart, Look, Run, Series};
 use glam::DVec3;
 

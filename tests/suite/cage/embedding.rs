@@ -6,7 +6,6 @@ use palpate::cage::Embedding;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
 use palpate::physics::Nodes;
-use palpate::reference::cage::carry;
 
 /// A limb, and tets around it.
 fn limb_in_a_box() -> (TetMesh, TetMesh) {
@@ -141,4 +140,13 @@ fn forces_gathered_do_the_same_work() {
     );
     assert!((fine_work - coarse_work).abs() < 1e-9 * forces.len() as f64);
     assert!(embedding.transfer().gather(&forces[1..]).is_err());
+}
+
+/// Where each point is that is tied to four of the `nodes` by weights of sum 1: Σ w_k x_k.
+fn carry(shares: &[([u32; 4], [f64; 4])], nodes: &[DVec3]) -> Vec<DVec3> {
+    let at = |(corners, weights): &([u32; 4], [f64; 4])| {
+        let parts = corners.iter().zip(weights);
+        parts.map(|(v, w)| *w * nodes[*v as usize]).sum()
+    };
+    shares.iter().map(at).collect()
 }

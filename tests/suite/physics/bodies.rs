@@ -5,10 +5,10 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::physics::plain::springs::Particles;
 use palpate::physics::{
     Body, Material, RegionMaterial, Report, SolverKind, SpringNetwork, Stiffness,
 };
-use palpate::reference::springs::Particles;
 
 /// Strain along x of the middle half of a beam pulled by `stress` at its end.
 fn strain(gpu: &Gpu, mesh: &TetMesh, young: f64, stress: f64) -> f64 {

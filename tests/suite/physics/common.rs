@@ -3,9 +3,9 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
+use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::steppers;
 use palpate::physics::{Body, Material, Solver, SolverKind, SpringNetwork};
-use palpate::reference::springs::Particles;
-use palpate::reference::steppers;
 
 /// A repeatable stream of numbers in −1..1.
 pub struct Noise(pub u64);

@@ -4,8 +4,8 @@ use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, components, generate};
+use palpate::physics::plain::springs::Particles;
 use palpate::physics::{Body, Material, Report, SolverKind, SpringNetwork, largest_stable_step};
-use palpate::reference::springs::Particles;
 
 /// A square blade about `centre` across `normal`, reaching `half` to each side.
 fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {

@@ -3,8 +3,8 @@
 use super::common::Noise;
 use glam::DVec3;
 use palpate::mesh::generate;
+use palpate::physics::plain::springs::Particles;
 use palpate::physics::{Damping, Material, SpringNetwork};
-use palpate::reference::springs::Particles;
 
 fn particles(kind: Damping) -> Particles {
     let mesh = generate::paper_bar().unwrap();

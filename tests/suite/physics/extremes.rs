@@ -4,11 +4,11 @@ use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::physics::plain::springs::Particles;
 use palpate::physics::{
     Body, ConjugateGradients, ImplicitEuler, Material, RegionMaterial, Report, Solver, SolverKind,
     SpringNetwork, largest_stable_step,
 };
-use palpate::reference::springs::Particles;
 
 fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()

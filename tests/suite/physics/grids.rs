@@ -6,9 +6,9 @@ use palpate::Error;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, Topology, pack_normal, unpack_normal};
 use palpate::mesher::Domain;
+use palpate::physics::grid::plain::GridTwin;
 use palpate::physics::grid::{GridBody, GridModel, GridShape, STEPS};
 use palpate::physics::{Grip, Material, RegionMaterial};
-use palpate::reference::grid::GridTwin;
 
 /// A box and, inside it from x = 0 on, a second region.
 struct Block {

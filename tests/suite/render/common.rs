@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Location, TetMesh, generate};
-use palpate::reference::RayReference;
+use palpate::render::RayReference;
 use palpate::render::{
     Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars, TransferFunction,
 };

@@ -4,8 +4,8 @@ use crate::render::common::*;
 use glam::{DVec3, Vec4};
 use palpate::gpu::{Gpu, Texel};
 use palpate::mesh::{FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, generate, morton_order};
-use palpate::reference::{tet_gradient, tet_planes};
 use palpate::render::{Geometry, local_positions};
+use palpate::render::{tet_gradient, tet_planes};
 
 /// The records of a mesh after a refresh: eight texels a tet.
 fn records(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> Vec<[Vec4; 8]> {

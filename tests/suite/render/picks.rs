@@ -7,7 +7,7 @@ use palpate::mesh::{Blade, FACES, LocalFrame, TetMesh, Topology, generate};
 use palpate::mesher::{ClosedSurface, SurfaceDomain};
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
 use palpate::physics::{Body, Grip, ImplicitEuler, Material, Solver};
-use palpate::reference::first_hit;
+use palpate::render::first_hit;
 use palpate::render::{Camera, Geometry, Pick, local_positions};
 
 const SIZE: [u32; 2] = [160, 120];

@@ -176,7 +176,7 @@ fn large_pictures_are_tiled_without_seams() {
     let image = caster
         .image(&peers_camera(), [1400, 1100], Mode::Thickness)
         .unwrap();
-    let truth = palpate::reference::RayReference::new(&mesh, &mesh.nodes, &scalars);
+    let truth = palpate::render::RayReference::new(&mesh, &mesh.nodes, &scalars);
     let camera = peers_camera();
     let mut wrong = 0;
     for y in (7..1100).step_by(13) {
@@ -203,7 +203,7 @@ fn a_wrong_field_is_told_apart() {
         RaycastOptions::default(),
     );
     let nudged: Vec<f64> = scalars.iter().map(|s| s + 0.01).collect();
-    scene.truth = palpate::reference::RayReference::new(&mesh, &mesh.nodes, &nudged);
+    scene.truth = palpate::render::RayReference::new(&mesh, &mesh.nodes, &nudged);
     let (_, rms, _) = scene.compare(&peers_camera(), [64, 64]);
     assert!(rms > 0.5, "{rms}");
 }

@@ -2,7 +2,7 @@
 
 use crate::render::common::*;
 use palpate::mesh::generate;
-use palpate::reference::segment_integral;
+use palpate::render::segment_integral;
 use palpate::render::*;
 
 fn random_transfer(random: &mut Random, density: f64) -> TransferFunction {

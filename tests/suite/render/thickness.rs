@@ -4,7 +4,7 @@ use crate::render::common::*;
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, Topology, generate};
-use palpate::reference::RayReference;
+use palpate::render::RayReference;
 use palpate::render::*;
 use rayon::prelude::*;
 

@@ -5,9 +5,9 @@ use crate::skin::common::*;
 use glam::DVec3;
 use palpate::gpu::{Array, Gpu};
 use palpate::mesh::{LocalFrame, TetMesh, TriMesh, generate, unpack_normal};
-use palpate::reference::culling::{Outlook, Tilts, is_skipped, outlook};
-use palpate::reference::skin::node_normals;
 use palpate::render::{Camera, local_positions};
+use palpate::skin::basis::node_normals;
+use palpate::skin::culling::{Outlook, Tilts, is_skipped, outlook};
 use palpate::skin::{Carrier, Mapping, Skin};
 use std::collections::HashSet;
 

@@ -5,8 +5,8 @@ use glam::{DMat3, DQuat, DVec3};
 use palpate::mesh::{NO_NORMAL, TriMesh, pack_normal};
 use palpate::physics::Material;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::reference::skin::{node_normals, place};
 use palpate::render::Camera;
+use palpate::skin::basis::{node_normals, place};
 use palpate::skin::{Base, Carrier, Mapping, Skin, Vertices, bind};
 use std::collections::HashMap;
 
@@ -76,7 +76,7 @@ fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
             assert!(worst < 1e-12, "{}, {mapping}: {worst:e}", scene.name);
             // The GPU, whose normals are rounded to 4e-5 twice: as far as offsets are long.
             let placed = skin.placed().unwrap();
-            let at = |f: fn(&palpate::reference::skin::Placed) -> DVec3| {
+            let at = |f: fn(&palpate::skin::basis::Placed) -> DVec3| {
                 placed.iter().map(f).collect::<Vec<_>>()
             };
             if mapping == Mapping::OneToOne {

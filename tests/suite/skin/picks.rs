@@ -3,7 +3,7 @@
 use crate::skin::common::*;
 use glam::{DVec2, DVec3};
 use palpate::mesh::{LocalFrame, generate};
-use palpate::reference::first_hit;
+use palpate::render::first_hit;
 use palpate::render::{Camera, local_positions};
 use palpate::skin::{Carrier, Mapping, Skin};
 

@@ -1,11 +1,11 @@
-//! The shaders against `reference::skin`, on random input.
+//! The shaders against `skin::basis`, on random input.
 
 use crate::skin::common::*;
 use glam::DVec3;
 use palpate::gpu::{Gpu, Texel};
 use palpate::mesh::{LocalFrame, NO_NORMAL, pack_normal};
-use palpate::reference::skin::{Bound, node_normals, place};
 use palpate::render::local_positions;
+use palpate::skin::basis::{Bound, node_normals, place};
 use palpate::skin::{Carrier, Mapping, Skin};
 
 /// Errors of position, normal and tangent over all vertices, where the twin is given `bound`.

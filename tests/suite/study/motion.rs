@@ -3,10 +3,10 @@
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
 use palpate::mesh::generate::{self, Split};
+use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::truth::{State, TwinScheme, distance, fitted_order, motion, truth};
 use palpate::physics::{Damping, Material, SolverKind, Spring, SpringNetwork, largest_stable_step};
-use palpate::reference::elements::{Cantilever, Elements, spring_equilibrium};
-use palpate::reference::springs::Particles;
-use palpate::reference::truth::{State, TwinScheme, distance, fitted_order, motion, truth};
+use palpate::study::elements::{Cantilever, Elements, spring_equilibrium};
 use palpate::study::{Run, STUDIES};
 use std::collections::BTreeSet;
 use std::path::Path;

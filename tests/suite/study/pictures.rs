@@ -1,7 +1,7 @@
 //! Pictures: the perceptual difference on known cases, and the settings that a tolerance picks.
 
 use palpate::mesh::{Location, generate};
-use palpate::reference::RayReference;
+use palpate::render::RayReference;
 use palpate::render::{
     Camera, Difference, Geometry, Image, Mode, RaycastOptions, Raycaster, TableForm, TableTexel,
     TransferFunction,

@@ -5,10 +5,10 @@ use glam::{DMat3, DVec3};
 use palpate::mesh::{TetMesh, generate};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
+use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::steppers;
+use palpate::physics::spectrum::{Linearised, StepLimit};
 use palpate::physics::{Body, Material, SolverKind, SpringNetwork, largest_stable_step};
-use palpate::reference::spectrum::{Linearised, StepLimit};
-use palpate::reference::springs::Particles;
-use palpate::reference::steppers;
 use palpate::study::STUDIES;
 use std::sync::atomic::AtomicBool;
 

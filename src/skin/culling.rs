@@ -5,7 +5,7 @@
 //! against them. It was tilted by an angle a at rest; a strain s, the ratio of the largest to the
 //! smallest stretch, turns that into an angle of at most 2 atan(s tan(a / 2)).
 
-use super::skin::{Bound, place, summed_normal};
+use super::basis::{Bound, place, summed_normal};
 use crate::render::{Camera, Projection};
 use glam::DVec3;
 use std::collections::HashMap;

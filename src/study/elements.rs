@@ -1,9 +1,9 @@
 //! A continuum in float64: linear elasticity by constant-strain tets, small displacements. What a
 //! body of springs is held against to know the error of the model itself.
 
-use super::linear::{Solution, conjugate_gradients};
-use super::springs::Particles;
 use crate::mesh::TetMesh;
+use crate::physics::plain::linear::{Solution, conjugate_gradients};
+use crate::physics::plain::springs::Particles;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 

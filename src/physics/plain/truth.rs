@@ -1,10 +1,10 @@
 //! Motions in float64, and the motion that they tend to as the step goes to nothing: what every
 //! solver's error is measured against.
 
-use super::grid::GridTwin;
 use super::springs::Particles;
 use super::steppers::{self, VelocityVerlet, Verlet};
 use crate::physics::SolverKind;
+use crate::physics::grid::plain::GridTwin;
 use glam::DVec3;
 
 /// A body farther than this from where it began, in its own sizes, has flown apart.

@@ -6,7 +6,7 @@
 //! Euler are exact for any damping: at the limit a displacement changes its sign in every step,
 //! and 4 is the largest eigenvalue of M⁻¹(h²K + 2hC), of velocity Verlet M⁻¹(h²K + 4hC).
 
-use super::grid::GridTwin;
+use super::grid::plain::GridTwin;
 use super::lanczos::{Eigenpair, any_vector, dot, largest_eigenpair};
 use crate::physics::{Damping, SolverKind, SpringNetwork};
 use glam::{DMat3, DVec3};

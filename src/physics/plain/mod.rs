@@ -1,0 +1,6 @@
+//! Bodies of tets in float64, written plainly: what every engine is held against.
+
+pub mod linear;
+pub mod springs;
+pub mod steppers;
+pub mod truth;
