@@ -30,7 +30,8 @@ struct BeginParams {
 @group(0) @binding(7) var<storage, read> status: Status;
 // Of each directed spring: u, b.
 @group(0) @binding(8) var edges: texture_storage_2d<rgba32float, write>;
-// Two texels a node: the inverse of its diagonal block.
+// Two texels a node: the inverse of its diagonal block. After those of all nodes, where there are
+// terms, two more a node: h² times what they add to its block.
 @group(0) @binding(9) var preconditioner: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(10) var residual: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(11) var preconditioned: texture_storage_2d<rgba32float, write>;
@@ -40,8 +41,6 @@ struct BeginParams {
 @group(0) @binding(14) var<uniform> params: BeginParams;
 // Two of each term; see their files.
 #any @group(0) @binding(15) var<storage, read> node_terms: array<vec4<f32>>;
-// Two texels a node: h² times what the terms add to its block.
-#any @group(0) @binding(16) var node_blocks: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -92,8 +91,8 @@ fn main(
 #each         one = TERM_block(INDEX, mass.x, x); block.diagonal += one.diagonal; block.mixed += one.mixed;
 #any         let b0 = h * h * vec4(block.diagonal.x, block.mixed.xy, block.diagonal.y);
 #any         let b1 = h * h * vec4(block.mixed.z, block.diagonal.z, 0.0, 0.0);
-#any         textureStore(node_blocks, at(2u * i), b0);
-#any         textureStore(node_blocks, at(2u * i + 1u), b1);
+#any         textureStore(preconditioner, at(2u * (params.nodes + i)), b0);
+#any         textureStore(preconditioner, at(2u * (params.nodes + i) + 1u), b1);
 #any         diagonal += vec3(b0.x, b0.w, b1.y);
 #any         mixed += vec3(b0.yz, b1.x);
 #any         kv -= symmetric(b0, b1, v) / (h * h);

@@ -20,8 +20,8 @@
 @group(0) @binding(11) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> after: CgScalars;
 @group(0) @binding(13) var<uniform> params: CgParams;
-// Two texels a node: what terms add to its block.
-#any @group(0) @binding(14) var node_blocks: texture_2d<f32>;
+// In its second half, two texels a node: what terms add to its block.
+#any @group(0) @binding(14) var preconditioner: texture_2d<f32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -75,7 +75,9 @@ fn main(
                 q += edge.xyz * dot(edge.xyz, d) + edge.w * d;
             }
         }
-#any         q += symmetric(textureLoad(node_blocks, at(2u * i), 0), textureLoad(node_blocks, at(2u * i + 1u), 0), p);
+#any         let b0 = textureLoad(preconditioner, at(2u * (params.nodes + i)), 0);
+#any         let b1 = textureLoad(preconditioner, at(2u * (params.nodes + i) + 1u), 0);
+#any         q += symmetric(b0, b1, p);
         q = select(vec3(0.0), q, mass.y != 0.0);
         textureStore(next_direction, at(i), vec4(p, 0.0));
         textureStore(product, at(i), vec4(q, 0.0));

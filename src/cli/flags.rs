@@ -1,6 +1,7 @@
 //! The flags every picture needs, laid over a scene's values.
 
 use clap::Args;
+use palpate::physics::EngineChoice;
 use palpate::scene::{Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -56,6 +57,9 @@ pub struct SceneFlags {
     /// explicit, symplectic, verlet, velocity-verlet or implicit; default: the mesh stays at rest
     #[arg(long, help_heading = "Physics")]
     pub solver: Option<String>,
+    /// What computes the steps: gpu, cpu, or auto, which takes a GPU where there is one
+    #[arg(long, value_name = "ENGINE", help_heading = "Physics")]
+    pub engine: Option<EngineChoice>,
     /// Step size in seconds [default: 0.01 implicit, or longer where nothing pulls the body but the
     /// load chosen for it; the largest stable step otherwise]
     #[arg(long, help_heading = "Physics")]
@@ -121,6 +125,7 @@ impl SceneFlags {
         over(given.fov, &mut scene.camera.fov);
         over(given.orthographic, &mut scene.camera.orthographic);
         over(given.solver, &mut scene.solver.name);
+        over(given.engine, &mut scene.solver.engine);
         over(given.dt, &mut scene.solver.dt);
         over(given.steps, &mut scene.solver.steps);
         if given.young.is_some() {

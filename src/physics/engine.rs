@@ -1,6 +1,11 @@
 //! What computes the steps of a body.
 
+use super::{
+    Body, ConjugateGradients, CpuTets, GpuTets, ImplicitEuler, Material, Simulator, Solver,
+    SolverKind, SpringNetwork,
+};
 use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use std::fmt;
 use std::str::FromStr;
@@ -57,5 +62,48 @@ impl FromStr for EngineChoice {
                 "there is no engine \"{name}\"; there are auto, gpu and cpu"
             ))),
         }
+    }
+}
+
+impl EngineChoice {
+    /// `mesh` made of `material`, at rest, stepped by `kind` on the engine that is wanted.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the mesh does not
+    /// fit the device.
+    pub fn tets(
+        self,
+        gpu: &Gpu,
+        mesh: TetMesh,
+        material: &Material,
+        kind: SolverKind,
+    ) -> Result<Box<dyn Simulator>> {
+        let network = SpringNetwork::new(&mesh, material)?;
+        let settings = ConjugateGradients::default();
+        self.tets_of(gpu, (mesh, network), material, (kind, settings))
+    }
+
+    /// As [`EngineChoice::tets`], with masses and springs of one's own, and linear solves that
+    /// stop as the settings say.
+    ///
+    /// # Errors
+    /// As [`EngineChoice::tets`], and [`Error::Input`] when the springs are not the mesh's.
+    pub fn tets_of(
+        self,
+        gpu: &Gpu,
+        (mesh, network): (TetMesh, SpringNetwork),
+        material: &Material,
+        (kind, settings): (SolverKind, ConjugateGradients),
+    ) -> Result<Box<dyn Simulator>> {
+        if self.engine(gpu) == Engine::Cpu {
+            let body = CpuTets::<f32>::of_network(gpu, mesh, network, material, kind, settings)?;
+            return Ok(Box::new(body));
+        }
+        let body = Body::of_network(gpu, &mesh, network, material)?;
+        let solver: Box<dyn Solver> = match kind {
+            SolverKind::Implicit => Box::new(ImplicitEuler::with(gpu, &body, settings)?),
+            kind => kind.solver(gpu, &body)?,
+        };
+        Ok(Box::new(GpuTets::of_body(mesh, body, solver)?))
     }
 }

@@ -222,6 +222,7 @@ impl Simulator for GpuTets {
         Ok(Pose {
             positions: self.body.nodes.local()?,
             normals: Vec::new(),
+            exact: Vec::new(),
         })
     }
 

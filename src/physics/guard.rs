@@ -2,7 +2,7 @@
 //! `shaders/lib/status.wgsl`.
 
 use super::units::Units;
-use super::{Body, SolverKind, largest_stable_step};
+use super::{Body, SolverKind, SpringNetwork, largest_stable_step};
 use crate::{Error, FailureCause};
 
 /// Steps in the history ring.
@@ -176,7 +176,7 @@ impl Status {
             time: clock.time(),
             cause,
             what,
-            advice: advice(kind, clock.dt(), body),
+            advice: advice(kind, clock.dt(), &body.network, body.pinned()),
         })
     }
 }
@@ -190,8 +190,14 @@ pub(super) const ENERGY_FACTOR: f64 = 50.0;
 /// Energy, of one node at local units, below which nothing is called a runaway: rounding.
 pub(super) const ENERGY_FLOOR: f64 = 1e-9;
 
-fn advice(kind: SolverKind, dt: f64, body: &Body) -> String {
-    match largest_stable_step(&body.network, body.pinned(), kind) {
+/// What to change where steps of `dt` seconds failed.
+pub(super) fn advice(
+    kind: SolverKind,
+    dt: f64,
+    network: &SpringNetwork,
+    pinned: &[bool],
+) -> String {
+    match largest_stable_step(network, pinned, kind) {
         None => format!(
             "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
         ),

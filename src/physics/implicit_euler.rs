@@ -103,8 +103,7 @@ impl Default for ConjugateGradients {
 pub struct Scheme {
     settings: ConjugateGradients,
     edges: Array,
-    /// Two texels a node, where the body has terms beside the springs.
-    node_blocks: Option<Array>,
+    /// Two texels a node; two more where the body has terms beside the springs.
     preconditioner: Array,
     pub(super) product: Array,
     solution: [Array; 2],
@@ -152,8 +151,7 @@ impl stepper::Scheme for Scheme {
         Ok(Scheme {
             settings: ConjugateGradients::default(),
             edges: gpu.roomy_array("edges", Texel::F32x4, body.springs.len() as usize)?,
-            node_blocks: blocks(gpu, body)?,
-            preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, 2 * nodes)?,
+            preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, blocks(body))?,
             product: vector("product")?,
             solution: pair("solution")?,
             residual: pair("residual")?,
@@ -169,8 +167,7 @@ impl stepper::Scheme for Scheme {
     fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
         let (gpu, nodes) = (&core.gpu, body.node_count());
         gpu.resize(&mut self.edges, "edges", body.springs.len() as usize)?;
-        self.node_blocks = blocks(gpu, body)?;
-        gpu.resize(&mut self.preconditioner, "preconditioner", 2 * nodes)?;
+        gpu.resize(&mut self.preconditioner, "preconditioner", blocks(body))?;
         gpu.resize(&mut self.product, "product", nodes)?;
         for pair in [
             &mut self.solution,
@@ -246,14 +243,10 @@ impl stepper::Scheme for Scheme {
     }
 }
 
-/// Room for what the terms of `body` add to the blocks of its nodes, if it has any.
-fn blocks(gpu: &Gpu, body: &Body) -> Result<Option<Array>> {
-    if body.terms().is_empty() {
-        return Ok(None);
-    }
-    let texels = 2 * body.node_count();
-    gpu.roomy_array("blocks of terms", Texel::F32x4, texels)
-        .map(Some)
+/// Texels of the preconditioner, and of what terms add to the blocks of the nodes.
+fn blocks(body: &Body) -> usize {
+    let of_terms = usize::from(!body.terms().is_empty());
+    2 * body.node_count() * (1 + of_terms)
 }
 
 impl Scheme {
@@ -304,9 +297,9 @@ impl Scheme {
             .write(&self.scalars[0])
             .params(&params);
         let threads = core.groups * core.workgroup;
-        match (&body.node_terms, &self.node_blocks) {
-            (Some(numbers), Some(blocks)) => pass.read(numbers).write(blocks).over(threads),
-            _ => pass.over(threads),
+        match &body.node_terms {
+            Some(numbers) => pass.read(numbers).over(threads),
+            None => pass.over(threads),
         }
     }
 
@@ -337,9 +330,11 @@ impl Scheme {
             .write(&self.pq_partials)
             .write(&self.scalars[1 - from])
             .params(params);
-        match &self.node_blocks {
-            Some(blocks) => pass.read(blocks).over_indirect(&self.arguments, 0),
-            None => pass.over_indirect(&self.arguments, 0),
+        match body.terms().is_empty() {
+            true => pass.over_indirect(&self.arguments, 0),
+            false => pass
+                .read(&self.preconditioner)
+                .over_indirect(&self.arguments, 0),
         }
     }
 

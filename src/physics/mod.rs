@@ -7,6 +7,7 @@
 //! the CPU; a failure freezes the last good state until somebody asks.
 
 mod body;
+mod cpu;
 mod cut;
 mod engine;
 mod explicit_euler;
@@ -44,10 +45,12 @@ mod velocity_verlet;
 mod verlet;
 
 pub use body::Body;
+pub use cpu::{CpuState, CpuTets};
 pub use engine::{Engine, EngineChoice};
 pub use gpu_tets::{GpuTets, TetState};
 pub use grab::{GrabId, Grip};
 pub use grid::{GpuGrid, GridState};
+use guard::advice;
 pub use guard::{Progress, StepRecord};
 pub use hold::HeldEnd;
 pub use implicit_euler::ConjugateGradients;

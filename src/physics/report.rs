@@ -1,10 +1,11 @@
 //! What became of a body, measured in float64 from its state read back.
 
-use super::{Body, SpringNetwork};
+use super::{Body, NodeTerm, SpringNetwork};
 use crate::Result;
 use crate::mesh::{TetMesh, bounds, signed_volume};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Energies of a body, J.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -40,16 +41,7 @@ impl Report {
     pub fn new(body: &Body, mesh: &TetMesh) -> Result<Report> {
         let positions = body.positions()?;
         let velocities = body.velocities()?;
-        let mut energy = energy(body.network(), &positions, &velocities);
-        for term in body.terms() {
-            let network = body.network();
-            let nodes = network.masses.iter().zip(&positions);
-            let stored: f64 = nodes
-                .map(|(m, x)| term.energy(*m, network.to_metres(*x)))
-                .sum();
-            energy.elastic += stored;
-            energy.total += stored;
-        }
+        let energy = Energy::of(body.network(), body.terms(), &positions, &velocities);
         Ok(Report::of_positions(energy, mesh, &positions))
     }
 
@@ -76,26 +68,40 @@ impl Report {
     }
 }
 
-/// Energies at a state given in file units.
-fn energy(network: &SpringNetwork, positions: &[DVec3], velocities: &[DVec3]) -> Energy {
-    let unit = network.length_unit;
-    let elastic: f64 = network
-        .springs
-        .par_iter()
-        .map(|s| {
-            let [a, b] = s.nodes.map(|v| positions[v as usize]);
-            0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
-        })
-        .sum();
-    let kinetic: f64 = network
-        .masses
-        .par_iter()
-        .zip(velocities)
-        .map(|(m, v)| 0.5 * m * (*v * unit).length_squared())
-        .sum();
-    Energy {
-        kinetic,
-        elastic,
-        total: kinetic + elastic,
+impl Energy {
+    /// Energies at a state given in file units.
+    pub(crate) fn of(
+        network: &SpringNetwork,
+        terms: &[Arc<dyn NodeTerm>],
+        positions: &[DVec3],
+        velocities: &[DVec3],
+    ) -> Energy {
+        let unit = network.length_unit;
+        let springs: f64 = network
+            .springs
+            .par_iter()
+            .map(|s| {
+                let [a, b] = s.nodes.map(|v| positions[v as usize]);
+                0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
+            })
+            .sum();
+        let of_nodes = terms.iter().map(|term| -> f64 {
+            let nodes = network.masses.iter().zip(positions);
+            nodes
+                .map(|(m, x)| term.energy(*m, network.to_metres(*x)))
+                .sum()
+        });
+        let elastic = springs + of_nodes.sum::<f64>();
+        let kinetic: f64 = network
+            .masses
+            .par_iter()
+            .zip(velocities)
+            .map(|(m, v)| 0.5 * m * (*v * unit).length_squared())
+            .sum();
+        Energy {
+            kinetic,
+            elastic,
+            total: kinetic + elastic,
+        }
     }
 }

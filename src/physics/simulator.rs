@@ -1,8 +1,8 @@
 //! What everything that moves a body can do, whatever it is made of and whatever steps it.
 
 use super::{
-    ConjugateGradients, Engine, GrabId, GridState, Grip, Loads, NodeTerm, Nodes, Progress, Report,
-    SolverKind, SpringNetwork, TetState,
+    ConjugateGradients, CpuState, Engine, GrabId, GridState, Grip, Loads, NodeTerm, Nodes,
+    Progress, Report, SolverKind, SpringNetwork, TetState,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -281,6 +281,8 @@ pub struct Pose {
     pub(crate) positions: Vec<[f32; 4]>,
     /// Packed normals, where its steps make them.
     pub(crate) normals: Vec<u32>,
+    /// Displacements of a body on the CPU, in its own numbers.
+    pub(crate) exact: Vec<[f64; 3]>,
 }
 
 /// The state of a [`Simulator`]: see [`Simulator::state`].
@@ -290,4 +292,6 @@ pub enum SimulatorState {
     Tets(Box<TetState>),
     /// Of a grid body on the GPU.
     Grid(Box<GridState>),
+    /// Of a body of tets on the CPU.
+    Cpu(Box<CpuState>),
 }

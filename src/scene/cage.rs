@@ -6,7 +6,7 @@ use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GpuGrid, GridBody};
-use crate::physics::{Body, GpuTets, Material, Simulator, SolverKind, SpringNetwork};
+use crate::physics::{Material, Simulator, SolverKind, SpringNetwork};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -123,9 +123,7 @@ impl Scene {
                         notes.push(said);
                     }
                 }
-                let body = Body::of_network(gpu, &cage.mesh, network, material)?;
-                let solver = self.solver_of(gpu, kind, &body)?;
-                Box::new(GpuTets::of_body(cage.mesh.clone(), body, solver)?)
+                self.simulator_of(gpu, cage.mesh.clone(), network, material, kind)?
             }
         };
         inner.pin_nodes(&own)?;

@@ -64,6 +64,7 @@ pub use source::ScalarField;
 pub use stage::{STEPS, Stage};
 
 use crate::mesher::{Length, Window};
+use crate::physics::EngineChoice;
 use crate::skin::Mapping;
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -246,6 +247,9 @@ pub struct SolverEntry {
     /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`.
     #[serde(default, deserialize_with = "words::solver")]
     pub name: Option<String>,
+    /// What computes the steps: `auto`, `gpu` or `cpu`.
+    #[serde(default, deserialize_with = "words::engine")]
+    pub engine: Option<EngineChoice>,
     /// Step size in seconds.
     pub dt: Option<f64>,
     /// Steps before the picture, or between two frames of a series.

@@ -7,8 +7,8 @@ use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
 use crate::physics::{
-    Body, ConjugateGradients, Floor, GpuTets, HeldEnd, ImplicitEuler, Material, Simulator, Solver,
-    SolverKind, SpringNetwork, largest_stable_step,
+    ConjugateGradients, Floor, HeldEnd, Material, Simulator, SolverKind, SpringNetwork,
+    largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -156,9 +156,23 @@ impl Scene {
                 notes.push(said);
             }
         }
-        let body = Body::new(gpu, &mesh, &material)?;
-        let solver = self.solver_of(gpu, kind, &body)?;
-        self.set_up(Box::new(GpuTets::of_body(mesh, body, solver)?), notes)
+        let network = SpringNetwork::new(&mesh, &material)?;
+        let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
+        self.set_up(simulator, notes)
+    }
+
+    /// What steps the body of tets that `mesh` and `network` are, on the engine that is wanted.
+    pub(super) fn simulator_of(
+        &self,
+        gpu: &Gpu,
+        mesh: TetMesh,
+        network: SpringNetwork,
+        material: &Material,
+        kind: SolverKind,
+    ) -> Result<Box<dyn Simulator>> {
+        let engine = self.solver.engine.unwrap_or_default();
+        let how = (kind, self.conjugate_gradients());
+        engine.tets_of(gpu, (mesh, network), material, how)
     }
 
     fn grid_simulator(
@@ -238,21 +252,6 @@ impl Scene {
             settings.max_iterations = iterations;
         }
         settings
-    }
-
-    pub(super) fn solver_of(
-        &self,
-        gpu: &Gpu,
-        kind: SolverKind,
-        body: &Body,
-    ) -> Result<Box<dyn Solver>> {
-        match kind {
-            SolverKind::Implicit => {
-                let settings = self.conjugate_gradients();
-                Ok(Box::new(ImplicitEuler::with(gpu, body, settings)?))
-            }
-            kind => kind.solver(gpu, body),
-        }
     }
 
     /// The way loads go: that of the scene's gravity, or −z.

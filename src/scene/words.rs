@@ -3,7 +3,7 @@
 
 use super::Unit;
 use crate::mesh::generate;
-use crate::physics::SolverKind;
+use crate::physics::{EngineChoice, SolverKind};
 use crate::render::TransferFunction;
 use crate::{Error, Result};
 use serde::de::Error as _;
@@ -63,6 +63,11 @@ pub(super) fn damping_kind<'de, D: Deserializer<'de>>(from: D) -> Entry<String, 
 
 pub(super) fn solver<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, |word| word.parse::<SolverKind>().map(drop))
+}
+
+pub(super) fn engine<'de, D: Deserializer<'de>>(from: D) -> Entry<EngineChoice, D::Error> {
+    let word = String::deserialize(from)?;
+    word.parse().map(Some).map_err(D::Error::custom)
 }
 
 pub(super) fn generator<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {

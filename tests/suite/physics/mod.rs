@@ -12,4 +12,5 @@ mod floors;
 mod grabs;
 mod grids;
 mod invariance;
+mod simulators;
 mod steps;

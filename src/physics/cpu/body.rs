@@ -1,0 +1,418 @@
+//! A deformable body on the CPU: its state, what acts on it, and steps of any scheme.
+
+use super::guard::Guard;
+use super::implicit::Implicit;
+use super::loads::{Attachment, Loads, check_attachments};
+use super::order::Lumps;
+use super::pool::Plan;
+use super::real::Real;
+use super::springs::Springs;
+use super::terms::Term;
+use super::vectors::{V4, of_metres, to_metres, zero};
+use crate::physics::{ConjugateGradients, SolverKind, SpringNetwork, Units};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Groups of nodes over the root of their number. The groups' rigid motions are the coarse space:
+/// twice as many take a tenth off the iterations, and make each dearer.
+const GROUPS: f64 = 3.0;
+
+/// A network of springs stepped on the CPU in numbers of type `T`: f32 for speed, f64 for truth.
+///
+/// Nodes go in and out in the order of the network, in SI units, positions in metres from the
+/// origin of the network's frame. What it keeps is in local units ([`Units`]) and an order of its
+/// own: displacements from the rest positions, so that f32 has its digits where they matter.
+pub struct CpuBody<T: Real> {
+    pub(super) kind: SolverKind,
+    pub(super) units: Units,
+    /// Rest positions in the network's order, m.
+    pub(super) rest: Vec<DVec3>,
+    /// The network's number of the k-th node, and the engine's of each of the network's.
+    pub(super) order: Vec<u32>,
+    pub(super) place: Vec<u32>,
+    pub(super) plan: Plan,
+    pub(super) rest_local: Vec<V4<T>>,
+    pub(super) masses: Vec<T>,
+    pub(super) inverse: Vec<T>,
+    pub(super) free: Vec<T>,
+    pinned: Vec<bool>,
+    attachments: Vec<Attachment>,
+    gravity: DVec3,
+    external: Vec<DVec3>,
+    pub(super) loads: Loads<T>,
+    pub(super) terms: Vec<Box<dyn Term<T>>>,
+    pub(super) now: Motion<T>,
+    pub(super) next: Motion<T>,
+    pub(super) implicit: Option<Implicit<T>>,
+    pub(super) guard: Guard,
+    pub(super) start: Start,
+    /// Length of the last step, local units; 0 where the next is a first one.
+    pub(super) lag: f64,
+    pub(super) steps: u64,
+}
+
+/// A state and the forces in it, in local units.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Motion<T> {
+    pub u: Vec<V4<T>>,
+    pub v: Vec<V4<T>>,
+    /// Of velocity Verlet: the velocities that the forces saw.
+    pub seen: Vec<V4<T>>,
+    pub f: Vec<V4<T>>,
+}
+
+/// What has to be done before the next step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Start {
+    /// Nothing.
+    Ready,
+    /// Forces are to be computed: what acts has changed.
+    Resume,
+    /// The same, from a state that was put there: schemes begin afresh.
+    Restart,
+}
+
+impl<T: Real> CpuBody<T> {
+    /// The body that `network` is, at rest, nothing pinned, no gravity, stepped by the scheme
+    /// `kind`; `settings` say when the linear solves of implicit Euler stop.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings or a network that make no sense.
+    pub fn new(
+        network: &SpringNetwork,
+        kind: SolverKind,
+        settings: ConjugateGradients,
+    ) -> Result<CpuBody<T>> {
+        CpuBody::with_chunks(network, kind, settings, None)
+    }
+
+    /// As [`CpuBody::new`], its nodes shared out in that many chunks, or as many as suit it.
+    ///
+    /// # Errors
+    /// As [`CpuBody::new`].
+    pub fn with_chunks(
+        network: &SpringNetwork,
+        kind: SolverKind,
+        settings: ConjugateGradients,
+        chunks: Option<usize>,
+    ) -> Result<CpuBody<T>> {
+        let ConjugateGradients {
+            tolerance,
+            acceptable,
+            max_iterations,
+        } = settings;
+        if !(tolerance > 0.0 && tolerance < 1.0 && acceptable >= tolerance && max_iterations > 0) {
+            return Err(Error::Input(format!(
+                "conjugate gradients cannot be run to a residual of {tolerance} (at worst {acceptable}) in {max_iterations} iterations: 0 < tolerance < 1, tolerance ≤ acceptable, and at least one iteration"
+            )));
+        }
+        let nodes = network.rest.len();
+        let strange = |s: &crate::physics::Spring| s.nodes.iter().any(|v| *v as usize >= nodes);
+        if network.masses.len() != nodes || network.springs.iter().any(strange) {
+            return Err(Error::Input(format!(
+                "a network of {nodes} nodes has {} masses, or springs to nodes that are not there",
+                network.masses.len()
+            )));
+        }
+        let units = Units::of(network);
+        let groups = GROUPS * (nodes as f64).sqrt();
+        let most = (nodes as f64 / groups).ceil() as usize;
+        let Lumps { order, starts } = Lumps::new(&network.rest, most);
+        let mut place = vec![0u32; nodes];
+        for (k, v) in order.iter().enumerate() {
+            place[*v as usize] = k as u32;
+        }
+        let plan = match chunks {
+            Some(chunks) => Plan::with(starts, chunks),
+            None => Plan::new(starts),
+        };
+        let springs = Springs::new(network, &order, &units, &plan);
+        let seen = match kind {
+            SolverKind::VelocityVerlet => nodes,
+            _ => 0,
+        };
+        let motion = || Motion {
+            u: vec![zero(); nodes],
+            v: vec![zero(); nodes],
+            seen: vec![zero(); seen],
+            f: vec![zero(); nodes],
+        };
+        let implicit = kind == SolverKind::Implicit;
+        let mut body = CpuBody {
+            kind,
+            units,
+            rest: network.rest.clone(),
+            rest_local: order
+                .iter()
+                .map(|v| of_metres(network.rest[*v as usize], units.length))
+                .collect(),
+            masses: order
+                .iter()
+                .map(|v| T::of(network.masses[*v as usize] / units.mass))
+                .collect(),
+            inverse: vec![T::ZERO; nodes],
+            free: vec![T::ZERO; nodes],
+            pinned: vec![false; nodes],
+            attachments: Vec::new(),
+            gravity: DVec3::ZERO,
+            external: vec![DVec3::ZERO; nodes],
+            loads: Loads::none(nodes),
+            terms: vec![Box::new(springs)],
+            now: motion(),
+            next: motion(),
+            implicit: implicit.then(|| Implicit::new(&plan, settings)),
+            guard: Guard::default(),
+            start: Start::Restart,
+            lag: 0.0,
+            steps: 0,
+            order,
+            place,
+            plan,
+        };
+        body.free_nodes();
+        Ok(body)
+    }
+
+    /// The scheme.
+    pub fn kind(&self) -> SolverKind {
+        self.kind
+    }
+
+    /// Number of nodes.
+    pub fn node_count(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// How the nodes are shared out.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The local units of what terms work with.
+    pub fn units(&self) -> Units {
+        self.units
+    }
+
+    /// The network's number of the engine's k-th node.
+    pub fn order(&self) -> &[u32] {
+        &self.order
+    }
+
+    /// Rest positions in the engine's order, local units.
+    pub fn rest_local(&self) -> &[V4<T>] {
+        &self.rest_local
+    }
+
+    /// Adds a term, made for the plan, order and units of this body. Schemes begin afresh.
+    pub fn add_term(&mut self, term: Box<dyn Term<T>>) {
+        self.terms.push(term);
+        self.start = Start::Restart;
+        if let Some(implicit) = &mut self.implicit {
+            implicit.forget_coarse();
+        }
+    }
+
+    /// Says which nodes are pinned: they stay, at rest.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of flags.
+    pub fn set_pinned(&mut self, pinned: &[bool]) -> Result<()> {
+        self.check("pins", pinned.len())?;
+        self.pinned.copy_from_slice(pinned);
+        self.free_nodes();
+        self.changed(Start::Resume);
+        Ok(())
+    }
+
+    /// Which nodes are pinned.
+    pub fn pinned(&self) -> &[bool] {
+        &self.pinned
+    }
+
+    /// Sets gravity, m/s².
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.gravity = gravity;
+        self.loads.set_gravity(gravity, &self.units);
+        self.changed(Start::Resume);
+    }
+
+    /// Gravity, m/s².
+    pub fn gravity(&self) -> DVec3 {
+        self.gravity
+    }
+
+    /// Sets the external force on every node, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        self.check_vectors("forces", forces)?;
+        self.external.copy_from_slice(forces);
+        self.loads.set_forces(forces, &self.order, &self.units);
+        self.changed(Start::Resume);
+        Ok(())
+    }
+
+    /// Sets what holds nodes and pulls at them, in place of what did. Nodes that are held are put
+    /// in their places; schemes begin afresh, as after a change of the state.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for attachments that make no sense.
+    pub fn set_attachments(&mut self, attachments: &[Attachment]) -> Result<()> {
+        check_attachments(attachments, self.node_count())?;
+        let same_nodes = self.held().eq(held(attachments));
+        self.attachments.clear();
+        self.attachments.extend_from_slice(attachments);
+        let (place, rest, units) = (&self.place, &self.rest, &self.units);
+        self.loads.set_draws(attachments, place, rest, units);
+        if !same_nodes {
+            self.free_nodes();
+        }
+        for a in attachments {
+            if let Attachment::Hold { node, place: to } = *a {
+                let v = node as usize;
+                let k = self.place[v] as usize;
+                self.now.u[k] = of_metres(to - self.rest[v], self.units.length);
+                self.now.v[k] = zero();
+            }
+        }
+        self.changed(Start::Restart);
+        Ok(())
+    }
+
+    fn held(&self) -> impl Iterator<Item = u32> {
+        held(&self.attachments)
+    }
+
+    /// Takes note of which nodes stay.
+    fn free_nodes(&mut self) {
+        let mut stays = self.pinned.clone();
+        for v in held(&self.attachments) {
+            stays[v as usize] = true;
+        }
+        for (k, v) in self.order.iter().enumerate() {
+            let m = self.masses[k];
+            // A massless node has no equation of motion: it stays.
+            let over = T::ONE / m;
+            let free = !stays[*v as usize] && m > T::ZERO && over.wide().is_finite();
+            self.inverse[k] = if free { over } else { T::ZERO };
+            self.free[k] = if free { T::ONE } else { T::ZERO };
+            if !free {
+                self.now.v[k] = zero();
+            }
+        }
+        if let Some(implicit) = &mut self.implicit {
+            implicit.forget_coarse();
+            implicit.forget_solutions();
+        }
+    }
+
+    pub(super) fn changed(&mut self, start: Start) {
+        self.start = self.start.max(start);
+    }
+
+    /// Follows a cut, or any other change of the network: `network` begins with the nodes that the
+    /// body has, and has the doubled ones after them. Nodes keep their places, velocities, pins and
+    /// forces; `doubled` says of every node that is new which one it stands, moves and is held as.
+    /// Terms other than the springs have to be added anew, and attachments to new nodes set.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a network that is no such change, or that makes no sense.
+    pub fn follow(&mut self, network: &SpringNetwork, doubled: &[u32]) -> Result<()> {
+        let before = self.node_count();
+        if network.rest.len() != before + doubled.len()
+            || doubled.iter().any(|v| *v as usize >= before)
+        {
+            return Err(Error::Input(format!(
+                "a body of {before} nodes cannot follow a cut that doubled {} of them to a network of {}",
+                doubled.len(),
+                network.rest.len()
+            )));
+        }
+        let settings = self
+            .implicit
+            .as_ref()
+            .map_or(ConjugateGradients::default(), |i| i.settings);
+        let mut body = CpuBody::new(network, self.kind, settings)?;
+        fn doubling<A: Copy>(mut list: Vec<A>, doubled: &[u32]) -> Vec<A> {
+            let new: Vec<A> = doubled.iter().map(|v| list[*v as usize]).collect();
+            list.extend(new);
+            list
+        }
+        body.set_pinned(&doubling(self.pinned.clone(), doubled))?;
+        body.set_gravity(self.gravity);
+        body.set_forces(&doubling(self.external.clone(), doubled))?;
+        let positions = doubling(self.positions(), doubled);
+        let velocities = doubling(self.velocities(), doubled);
+        let attachments = std::mem::take(&mut self.attachments);
+        body.set_state(&positions, &velocities)?;
+        body.set_attachments(&attachments)?;
+        body.steps = self.steps;
+        *self = body;
+        Ok(())
+    }
+
+    /// Positions, m from the frame's origin.
+    pub fn positions(&self) -> Vec<DVec3> {
+        let nodes = self.rest.iter().zip(&self.place);
+        nodes
+            .map(|(x, k)| *x + to_metres(self.now.u[*k as usize], self.units.length))
+            .collect()
+    }
+
+    /// Velocities, m/s. Of Verlet, which has no other: the mean over the last step.
+    pub fn velocities(&self) -> Vec<DVec3> {
+        let places = self.place.iter();
+        places
+            .map(|k| to_metres(self.now.v[*k as usize], self.units.velocity()))
+            .collect()
+    }
+
+    /// Puts the nodes at positions (m from the frame's origin) with velocities (m/s); nodes that
+    /// stay are at rest. Schemes begin afresh.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for wrong numbers of them, or any that is not finite.
+    pub fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        self.check_vectors("positions", positions)?;
+        self.check_vectors("velocities", velocities)?;
+        let units = self.units;
+        for (k, v) in self.order.iter().enumerate() {
+            let v = *v as usize;
+            self.now.u[k] = of_metres(positions[v] - self.rest[v], units.length);
+            self.now.v[k] = match self.free[k] > T::ZERO {
+                true => of_metres(velocities[v], units.velocity()),
+                false => zero(),
+            };
+        }
+        self.changed(Start::Restart);
+        Ok(())
+    }
+
+    pub(super) fn check(&self, what: &str, given: usize) -> Result<()> {
+        match given == self.node_count() {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "{given} {what} are given for a body of {} nodes",
+                self.node_count()
+            ))),
+        }
+    }
+
+    fn check_vectors(&self, what: &str, given: &[DVec3]) -> Result<()> {
+        self.check(what, given.len())?;
+        match given.iter().position(|v| !v.is_finite()) {
+            None => Ok(()),
+            Some(i) => Err(Error::Input(format!(
+                "the {what} of node {i} are no numbers"
+            ))),
+        }
+    }
+}
+
+fn held(attachments: &[Attachment]) -> impl Iterator<Item = u32> {
+    attachments.iter().filter_map(|a| match a {
+        Attachment::Hold { node, .. } => Some(*node),
+        Attachment::Pull { .. } => None,
+    })
+}

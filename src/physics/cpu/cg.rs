@@ -1,0 +1,285 @@
+//! Conjugate gradients on one vector a node, preconditioned by the inverse diagonal blocks and,
+//! added to them, a coarse space.
+
+use super::cholesky::V8;
+use super::coarse::{Coarse, moved};
+use super::pool::{Groups, Nodes, Plan};
+use super::real::Real;
+use super::sum::dot;
+use super::terms::Term;
+use super::vectors::{Columns, V4, add, add_scaled, apply, scale, sub, total, zero};
+
+/// The matrix A.
+pub struct Matrix<'a, T> {
+    /// How the nodes are shared out.
+    pub plan: &'a Plan,
+    /// What stands on the diagonal apart from the terms.
+    pub masses: &'a [T],
+    /// 1, or 0 for nodes that stay: their rows are zero.
+    pub free: &'a [T],
+    /// Linearised.
+    pub terms: &'a [Box<dyn Term<T>>],
+}
+
+impl<T: Real> Matrix<'_, T> {
+    /// y = A p, for p that is zero at nodes that stay. Returns p·y.
+    pub fn multiply(&self, p: &[V4<T>], y: &mut [V4<T>]) -> f64 {
+        let [sum] = self.plan.each((Nodes(y), ()), &|chunk, nodes, (y, ())| {
+            let p_here = &p[nodes.clone()];
+            for ((y, p), m) in y.0.iter_mut().zip(p_here).zip(&self.masses[nodes.clone()]) {
+                *y = scale(*m, *p);
+            }
+            for term in self.terms {
+                term.multiply(chunk, p, y.0);
+            }
+            for (y, free) in y.0.iter_mut().zip(&self.free[nodes]) {
+                *y = scale(*free, *y);
+            }
+            [dot(p_here, y.0)]
+        });
+        sum
+    }
+}
+
+/// Where conjugate gradients stop.
+#[derive(Clone, Copy, Debug)]
+pub struct Stop {
+    /// Relative residual √(rᵀD⁻¹r / bᵀD⁻¹b) to reach.
+    pub tolerance: f64,
+    /// rᵀD⁻¹r that is as good as none.
+    pub floor: f64,
+    /// Iterations at most.
+    pub most: u32,
+}
+
+/// How far they came.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Iterations.
+    pub iterations: u32,
+    /// The relative residual.
+    pub residual: f64,
+    /// Whether it is what was asked for.
+    pub met: bool,
+}
+
+/// The vectors of conjugate gradients, and the solutions of the last two systems.
+#[derive(Clone, Debug, Default)]
+pub struct Solver<T> {
+    /// The inverse diagonal blocks; zero for nodes that stay.
+    pub inverse: Vec<Columns<T>>,
+    /// b; then what is left of it.
+    pub residual: Vec<V4<T>>,
+    /// The solution.
+    pub solution: Vec<V4<T>>,
+    /// The last solution and the one before.
+    pub known: [Vec<V4<T>>; 2],
+    /// How many of those there are.
+    pub count: usize,
+    direction: Vec<V4<T>>,
+    product: Vec<V4<T>>,
+    /// D⁻¹ r.
+    smoothed: Vec<V4<T>>,
+    other: Vec<V4<T>>,
+    motions: Vec<V8<T>>,
+    forces: Vec<V8<T>>,
+}
+
+impl<T: Real> Solver<T> {
+    /// For a body shared out by `plan`.
+    pub fn new(plan: &Plan) -> Solver<T> {
+        let vector = || vec![zero(); plan.nodes()];
+        Solver {
+            inverse: vec![[zero(); 3]; plan.nodes()],
+            residual: vector(),
+            solution: vector(),
+            known: [vector(), vector()],
+            count: 0,
+            direction: vector(),
+            product: vector(),
+            smoothed: vector(),
+            other: vector(),
+            motions: vec![[T::ZERO; 8]; plan.groups()],
+            forces: vec![[T::ZERO; 8]; plan.groups()],
+        }
+    }
+
+    /// Solves A x = b, b in [`Solver::residual`] with bᵀD⁻¹b = `start`; x is left in
+    /// [`Solver::solution`].
+    pub fn solve(
+        &mut self,
+        a: &Matrix<'_, T>,
+        coarse: &mut Option<Coarse<T>>,
+        start: f64,
+        stop: Stop,
+    ) -> Outcome {
+        self.begin(a);
+        let goal = (stop.tolerance * stop.tolerance * start).max(stop.floor);
+        let mut coarse = coarse.as_mut().filter(|c| c.ready());
+        let mut smooth = self.descend(a.plan, coarse.as_deref(), T::ZERO);
+        let (mut before, mut iterations) = (0.0, 0);
+        // Not a number goes on as converged, and is found in the state.
+        while smooth > goal && iterations < stop.most {
+            let rz = smooth + self.correct(&mut coarse);
+            let beta = if before > 0.0 { rz / before } else { 0.0 };
+            before = rz;
+            self.turn(a.plan, coarse.as_deref(), T::of(beta));
+            let pq = a.multiply(&self.direction, &mut self.product);
+            // The matrix is positive definite; if rounding says otherwise, stay where we are.
+            let alpha = if pq > 0.0 { rz / pq } else { 0.0 };
+            smooth = self.descend(a.plan, coarse.as_deref(), T::of(alpha));
+            iterations += 1;
+            if pq.is_nan() {
+                break;
+            }
+        }
+        let residual = if start > 0.0 {
+            (smooth / start).sqrt()
+        } else {
+            0.0
+        };
+        Outcome {
+            iterations,
+            residual,
+            met: smooth <= goal,
+        }
+    }
+
+    /// Keeps the solution for the start of the next solve.
+    pub fn keep(&mut self) {
+        self.known.rotate_right(1);
+        std::mem::swap(&mut self.known[0], &mut self.solution);
+        self.count = (self.count + 1).min(2);
+    }
+
+    /// The start: what of the space of the last two solutions has the lowest ½xᵀAx − bᵀx.
+    ///
+    /// That is never higher than of nothing, of the last solution, or of what both extrapolate to.
+    fn begin(&mut self, a: &Matrix<'_, T>) {
+        let [last, older] = &self.known;
+        let mut weights = [0.0; 2];
+        if self.count > 0 {
+            let aa = a.multiply(last, &mut self.product);
+            let ab = dot(last, &self.residual);
+            if aa > 0.0 {
+                weights[0] = ab / aa;
+            }
+            if self.count > 1 {
+                let oo = a.multiply(older, &mut self.other);
+                let ob = dot(older, &self.residual);
+                let ao = dot(last, &self.other);
+                let determinant = aa * oo - ao * ao;
+                if determinant > 1e-6 * aa * oo {
+                    weights[0] = (ab * oo - ob * ao) / determinant;
+                    weights[1] = (ob * aa - ab * ao) / determinant;
+                }
+            }
+        }
+        let [s, t] = weights.map(T::of);
+        let (product, other) = (&self.product, &self.other);
+        let data = (
+            Nodes(&mut self.solution),
+            Nodes(&mut self.residual),
+            Nodes(&mut self.direction),
+        );
+        let count = self.count;
+        a.plan.each(data, &|_, nodes, (x, r, p)| {
+            p.0.fill(zero());
+            x.0.fill(zero());
+            for (n, i) in nodes.enumerate() {
+                if count > 0 {
+                    x.0[n] = add_scaled(x.0[n], s, last[i]);
+                    r.0[n] = add_scaled(r.0[n], -s, product[i]);
+                }
+                if count > 1 {
+                    x.0[n] = add_scaled(x.0[n], t, older[i]);
+                    r.0[n] = add_scaled(r.0[n], -t, other[i]);
+                }
+            }
+            []
+        });
+        self.product.fill(zero());
+    }
+
+    /// x += α p, r −= α A p, and the forces that the coarse space sees. Returns rᵀD⁻¹r.
+    fn descend(&mut self, plan: &Plan, coarse: Option<&Coarse<T>>, alpha: T) -> f64 {
+        let (p, q, inverse) = (&self.direction, &self.product, &self.inverse);
+        let data = (
+            Nodes(&mut self.solution),
+            Nodes(&mut self.residual),
+            Nodes(&mut self.smoothed),
+            Groups(&mut self.forces),
+        );
+        let [sum] = plan.each(data, &|chunk, nodes, (x, r, z, forces)| {
+            let mut sum = 0.0;
+            for (g, force) in plan.groups_of(chunk).zip(forces.0) {
+                let here = plan.group(g);
+                let mine = here.start - nodes.start..here.end - nodes.start;
+                let (x, r) = (&mut x.0[mine.clone()], &mut r.0[mine.clone()]);
+                let (z, first) = (&mut z.0[mine], here.start);
+                let steps = p[here.clone()].iter().zip(&q[here.clone()]);
+                let mut lanes: V4<T> = zero();
+                let state = x.iter_mut().zip(&mut *r).zip(z);
+                for (((x, r), z), ((p, q), m)) in state.zip(steps.zip(&inverse[here])) {
+                    *x = add_scaled(*x, alpha, *p);
+                    *r = sub(*r, scale(alpha, *q));
+                    *z = apply(m, *r);
+                    for n in 0..4 {
+                        lanes[n] += z[n] * r[n];
+                    }
+                }
+                sum += total(lanes);
+                if let Some(coarse) = coarse {
+                    *force = coarse.restrict(first, r);
+                }
+            }
+            [sum]
+        });
+        sum
+    }
+
+    /// The coarse space's answer to the forces it sees, and its part of r·z.
+    fn correct(&mut self, coarse: &mut Option<&mut Coarse<T>>) -> f64 {
+        let Some(coarse) = coarse else {
+            return 0.0;
+        };
+        self.motions.copy_from_slice(&self.forces);
+        coarse.solve(&mut self.motions);
+        let mut sum = 0.0;
+        for (f, m) in self.forces.iter().zip(&self.motions) {
+            for k in 0..6 {
+                sum += (f[k] * m[k]).wide();
+            }
+        }
+        sum
+    }
+
+    /// p = z + β p.
+    fn turn(&mut self, plan: &Plan, coarse: Option<&Coarse<T>>, beta: T) {
+        let (smoothed, motions) = (&self.smoothed, &self.motions);
+        plan.each(
+            (Nodes(&mut self.direction), ()),
+            &|chunk, nodes, (p, ())| {
+                for g in plan.groups_of(chunk) {
+                    let here = plan.group(g);
+                    let p = &mut p.0[here.start - nodes.start..here.end - nodes.start];
+                    let (z, first) = (&smoothed[here.clone()], here.start);
+                    match coarse {
+                        None => {
+                            for (p, z) in p.iter_mut().zip(z) {
+                                *p = add_scaled(*z, beta, *p);
+                            }
+                        }
+                        Some(coarse) => {
+                            let motion = &motions[g];
+                            for ((p, z), a) in p.iter_mut().zip(z).zip(coarse.arms(first)) {
+                                *p = add_scaled(add(*z, moved(a, motion)), beta, *p);
+                            }
+                        }
+                    }
+                }
+                []
+            },
+        );
+    }
+}

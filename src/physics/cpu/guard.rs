@@ -1,0 +1,133 @@
+//! When a step is refused, and what is noted of one that is not. The twin of
+//! `shaders/physics/check.wgsl`.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// How often its energy at the start and the work done since a body may have. Near the limit of
+/// stability the energy of a stable explicit scheme swings by up to 39; an instability passes any
+/// factor.
+pub const ENERGY_FACTOR: f64 = 50.0;
+
+/// Energy, of one node in local units, below which nothing is called a runaway: rounding.
+pub const ENERGY_FLOOR: f64 = 1e-9;
+
+/// Why a step was refused. The body stands as it stood before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Failure {
+    /// A step length that is not positive, or nothing in the body's own time.
+    BadStep {
+        /// It, in seconds.
+        h: f64,
+    },
+    /// A position, velocity or force is no longer a finite number.
+    NonFinite,
+    /// The energy is more than [`ENERGY_FACTOR`] times what there was and came in.
+    RunawayEnergy {
+        /// What the body began with, J.
+        baseline: f64,
+        /// What it was given since, J.
+        work: f64,
+    },
+    /// Conjugate gradients ended above the residual that is acceptable.
+    NotConverged {
+        /// Iterations there were.
+        iterations: u32,
+        /// The relative residual they came to.
+        residual: f64,
+    },
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Failure::BadStep { h } => write!(
+                f,
+                "a time step of {h} s makes no sense for this body; give a positive number of seconds"
+            ),
+            Failure::NonFinite => {
+                f.write_str("a position, velocity or force is no longer a finite number")
+            }
+            Failure::RunawayEnergy { baseline, work } => write!(
+                f,
+                "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({baseline:.3e} J) and was given since ({work:.3e} J)"
+            ),
+            Failure::NotConverged {
+                iterations,
+                residual,
+            } => write!(
+                f,
+                "conjugate gradients came to a relative residual of only {residual:.1e} in {iterations} iterations"
+            ),
+        }
+    }
+}
+
+/// What is added up over a state, in local units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Sums {
+    /// Energy of motion.
+    pub kinetic: f64,
+    /// Energy of the terms.
+    pub elastic: f64,
+    /// Power of gravity, forces and springs to targets.
+    pub power: f64,
+    /// Zero, or not a number where anything is not finite.
+    pub bad: f64,
+}
+
+/// What the rule against runaways remembers, in local units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Guard {
+    /// Energy at the start.
+    pub baseline: f64,
+    /// |Work| done since.
+    pub work: f64,
+    /// Sums of the last sound state.
+    pub last: Sums,
+}
+
+impl Guard {
+    /// Takes the energy of a state that was put there from outside for the start.
+    ///
+    /// # Errors
+    /// [`Failure::NonFinite`].
+    pub fn restart(&mut self, sums: Sums) -> Result<(), Failure> {
+        finite(sums)?;
+        *self = Guard {
+            baseline: sums.kinetic + sums.elastic,
+            work: 0.0,
+            last: sums,
+        };
+        Ok(())
+    }
+
+    /// Judges the state that a step of length `h` led to, of `nodes` nodes; all in local units,
+    /// `joules` in one of energy.
+    ///
+    /// # Errors
+    /// [`Failure::NonFinite`], [`Failure::RunawayEnergy`].
+    pub fn judge(&mut self, sums: Sums, h: f64, nodes: usize, joules: f64) -> Result<(), Failure> {
+        finite(sums)?;
+        let work = (sums.power * h).abs();
+        let floor = ENERGY_FLOOR * nodes as f64;
+        let allowed = self.baseline + self.work + work + floor;
+        if sums.kinetic + sums.elastic > ENERGY_FACTOR * allowed {
+            return Err(Failure::RunawayEnergy {
+                baseline: self.baseline * joules,
+                work: self.work * joules,
+            });
+        }
+        self.work += work;
+        self.last = sums;
+        Ok(())
+    }
+}
+
+fn finite(sums: Sums) -> Result<(), Failure> {
+    let all = sums.kinetic + sums.elastic + sums.power + sums.bad;
+    match all.is_finite() {
+        true => Ok(()),
+        false => Err(Failure::NonFinite),
+    }
+}

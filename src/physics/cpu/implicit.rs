@@ -1,0 +1,231 @@
+//! Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), then
+//! v' = v + Δv and x' = x + h v'. The twin of `reference::steppers::implicit_euler`.
+
+use super::cg::{Matrix, Outcome, Solver, Stop};
+use super::coarse::Coarse;
+use super::pool::{Nodes, Plan};
+use super::real::Real;
+use super::terms::{At, Share, Term};
+use super::vectors::{Symmetric, V4, add_scaled, apply, inverse, scale, total, zero};
+use crate::physics::ConjugateGradients;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Solves for which a coarse space is kept, at most.
+const KEPT: u32 = 30;
+
+/// A coarse space is made anew when it takes this many times the iterations that it took at first,
+/// and [`SPARE`] more.
+const GROWTH: f64 = 1.3;
+const SPARE: u32 = 3;
+
+/// The system of a step and its solver.
+#[derive(Clone, Debug)]
+pub struct Implicit<T> {
+    /// Where conjugate gradients stop.
+    pub settings: ConjugateGradients,
+    /// The vectors of conjugate gradients, and the last solutions.
+    pub solver: Solver<T>,
+    diagonal: Vec<Symmetric<T>>,
+    change: Vec<V4<T>>,
+    coarse: Option<Coarse<T>>,
+    /// What the coarse space was built from.
+    pub basis: Basis<T>,
+}
+
+/// The state that a coarse space was built at, and how it did since.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Basis<T> {
+    /// Displacements.
+    pub u: Vec<V4<T>>,
+    /// Length of step, local units; 0 for none.
+    pub h: T,
+    /// Solves since.
+    pub age: u32,
+    /// Iterations of the first of them.
+    pub first: u32,
+    /// And of the last.
+    pub last: u32,
+}
+
+/// What a step goes by.
+pub struct Scene<'a, T> {
+    /// How the nodes are shared out.
+    pub plan: &'a Plan,
+    /// Masses.
+    pub masses: &'a [T],
+    /// 1, or 0 for nodes that stay.
+    pub free: &'a [T],
+    /// Rest positions.
+    pub rest: &'a [V4<T>],
+    /// Displacements and velocities.
+    pub at: At<'a, T>,
+    /// Forces.
+    pub f: &'a [V4<T>],
+}
+
+impl<T: Real> Implicit<T> {
+    /// For a body shared out by `plan`.
+    pub fn new(plan: &Plan, settings: ConjugateGradients) -> Implicit<T> {
+        Implicit {
+            settings,
+            solver: Solver::new(plan),
+            diagonal: vec![[T::ZERO; 8]; plan.nodes()],
+            change: vec![zero(); plan.nodes()],
+            coarse: None,
+            basis: Basis {
+                u: vec![zero(); plan.nodes()],
+                h: T::ZERO,
+                age: 0,
+                first: 0,
+                last: 0,
+            },
+        }
+    }
+
+    /// Forgets the coarse space: nodes were pinned, or let go.
+    pub fn forget_coarse(&mut self) {
+        self.basis.h = T::ZERO;
+    }
+
+    /// Forgets the solutions that the next would start from.
+    pub fn forget_solutions(&mut self) {
+        self.solver.count = 0;
+    }
+
+    /// Makes the coarse space that `basis` tells of, after a state was put back.
+    pub fn resume(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        basis: Basis<T>,
+    ) {
+        self.basis = basis;
+        if self.basis.h > T::ZERO {
+            let u = std::mem::take(&mut self.basis.u);
+            let at = At {
+                u: &u,
+                v: scene.at.v,
+            };
+            let h = self.basis.h;
+            self.linearise(scene, terms, at, h);
+            self.build(scene, terms, &u);
+            self.basis.u = u;
+        }
+    }
+
+    /// Finds Δv, which is then [`Solver::solution`] until [`Solver::keep`]; local units.
+    pub fn solve(&mut self, scene: &Scene<'_, T>, terms: &mut [Box<dyn Term<T>>], h: T) -> Outcome {
+        self.linearise(scene, terms, scene.at, h);
+        let (start, weight) = self.right_hand_side(scene, h);
+        let basis = &self.basis;
+        let slow = f64::from(basis.last) > GROWTH * f64::from(basis.first) + f64::from(SPARE);
+        if basis.h != h || basis.age >= KEPT || slow {
+            self.basis.h = h;
+            self.basis.age = 0;
+            self.basis.u.copy_from_slice(scene.at.u);
+            self.build(scene, terms, scene.at.u);
+        }
+        let matrix = Matrix {
+            plan: scene.plan,
+            masses: scene.masses,
+            free: scene.free,
+            terms,
+        };
+        let stop = Stop {
+            tolerance: self.settings.tolerance,
+            floor: weight * (T::NEGLIGIBLE / h.wide()).powi(2),
+            most: self.settings.max_iterations,
+        };
+        let outcome = self.solver.solve(&matrix, &mut self.coarse, start, stop);
+        let basis = &mut self.basis;
+        if basis.age == 0 {
+            basis.first = outcome.iterations;
+        }
+        basis.last = outcome.iterations;
+        basis.age += 1;
+        outcome
+    }
+
+    /// v' = v + Δv, u' = u + h v'.
+    pub fn advance(&self, plan: &Plan, at: At<'_, T>, h: T, next: (&mut [V4<T>], &mut [V4<T>])) {
+        let change = &self.solver.solution;
+        plan.each((Nodes(next.0), Nodes(next.1)), &|_, nodes, (u, v)| {
+            for (n, i) in nodes.enumerate() {
+                v.0[n] = add_scaled(at.v[i], T::ONE, change[i]);
+                u.0[n] = add_scaled(at.u[i], h, v.0[n]);
+            }
+            []
+        });
+    }
+
+    fn linearise(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        at: At<'_, T>,
+        h: T,
+    ) {
+        let data = (Nodes(&mut self.diagonal), Nodes(&mut self.change));
+        scene.plan.each(data, &|_, nodes, (diagonal, change)| {
+            change.0.fill(zero());
+            for (d, m) in diagonal.0.iter_mut().zip(&scene.masses[nodes]) {
+                *d = [T::ZERO; 8];
+                d[..3].fill(*m);
+            }
+            []
+        });
+        for term in terms {
+            let share = Share {
+                diagonal: &mut self.diagonal,
+                change: &mut self.change,
+            };
+            term.linearise(scene.plan, at, h, share);
+        }
+    }
+
+    /// b = h (f + h K̃ v), and the inverse diagonal blocks D⁻¹. Returns bᵀD⁻¹b and the sum of the
+    /// diagonal's means.
+    fn right_hand_side(&mut self, scene: &Scene<'_, T>, h: T) -> (f64, f64) {
+        let (diagonal, change) = (&self.diagonal, &self.change);
+        let data = (
+            Nodes(&mut self.solver.inverse),
+            Nodes(&mut self.solver.residual),
+        );
+        let [start, weight] = scene.plan.each(data, &|_, nodes, (inverses, b)| {
+            let (mut start, mut weight) = (0.0, 0.0);
+            for (n, i) in nodes.enumerate() {
+                if scene.free[i] == T::ZERO {
+                    inverses.0[n] = [zero(); 3];
+                    b.0[n] = zero();
+                    continue;
+                }
+                let d = &diagonal[i];
+                inverses.0[n] = inverse(d);
+                let r = scale(h, add_scaled(scene.f[i], h, change[i]));
+                b.0[n] = r;
+                let z = apply(&inverses.0[n], r);
+                start += total([z[0] * r[0], z[1] * r[1], z[2] * r[2], T::ZERO]);
+                weight += (d[0].wide() + d[1].wide() + d[2].wide()) / 3.0;
+            }
+            [start, weight]
+        });
+        (start, weight)
+    }
+
+    fn build(&mut self, scene: &Scene<'_, T>, terms: &[Box<dyn Term<T>>], u: &[V4<T>]) {
+        let coarse = self
+            .coarse
+            .get_or_insert_with(|| Coarse::new(scene.plan, terms));
+        let point = |i: usize| {
+            let (r, u) = (scene.rest[i], u[i]);
+            DVec3::new(
+                r[0].wide() + u[0].wide(),
+                r[1].wide() + u[1].wide(),
+                r[2].wide() + u[2].wide(),
+            )
+        };
+        let free = |i: usize| scene.free[i] != T::ZERO;
+        coarse.build(scene.plan, point, free, &self.diagonal, terms);
+    }
+}

@@ -1,0 +1,26 @@
+//! Bodies stepped on the CPU: threads over nodes in Morton order, generic over f32 and f64.
+
+mod body;
+mod cg;
+mod cholesky;
+mod coarse;
+mod explicit;
+mod guard;
+mod implicit;
+mod loads;
+mod node_terms;
+mod order;
+mod pool;
+mod pose;
+mod real;
+mod simulator;
+mod springs;
+mod state;
+mod step;
+mod sum;
+mod terms;
+mod vectors;
+mod worker;
+
+pub use real::Real;
+pub use simulator::{CpuState, CpuTets};

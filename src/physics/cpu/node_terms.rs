@@ -1,0 +1,85 @@
+//! A term that acts on each node by itself, on the CPU.
+
+use super::body::CpuBody;
+use super::pool::Plan;
+use super::real::Real;
+use super::terms::{At, Share, Term};
+use super::vectors::{Symmetric, V4, add, apply_symmetric, of_metres, sub, to_metres};
+use crate::physics::{NodeTerm, SpringNetwork, Units};
+use glam::{DMat3, DVec3};
+use std::sync::Arc;
+
+/// A [`NodeTerm`] on the nodes of a body, in its order and units. It is computed in float64.
+pub(super) struct NodeTerms<T> {
+    term: Arc<dyn NodeTerm>,
+    units: Units,
+    first: Vec<usize>,
+    /// Rest positions, m, and masses, kg.
+    rest: Vec<DVec3>,
+    masses: Vec<f64>,
+    /// h² times the block of each node, as last linearised.
+    blocks: Vec<Symmetric<T>>,
+}
+
+impl<T: Real> NodeTerms<T> {
+    pub fn new(term: Arc<dyn NodeTerm>, body: &CpuBody<T>, network: &SpringNetwork) -> Self {
+        let order = body.order();
+        let of = |v: &u32| *v as usize;
+        let plan = body.plan();
+        NodeTerms {
+            term,
+            units: body.units(),
+            first: (0..plan.chunks()).map(|c| plan.range(c).start).collect(),
+            rest: order.iter().map(|v| network.rest[of(v)]).collect(),
+            masses: order.iter().map(|v| network.masses[of(v)]).collect(),
+            blocks: vec![[T::ZERO; 8]; order.len()],
+        }
+    }
+
+    fn place(&self, k: usize, u: V4<T>) -> DVec3 {
+        self.rest[k] + to_metres(u, self.units.length)
+    }
+}
+
+impl<T: Real> Term<T> for NodeTerms<T> {
+    fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let first = self.first[chunk];
+        let mut energy = 0.0;
+        for (i, f) in f.iter_mut().enumerate() {
+            let k = first + i;
+            let (m, x) = (self.masses[k], self.place(k, at.u[k]));
+            *f = add(*f, of_metres(self.term.force(m, x), self.units.force()));
+            energy += self.term.energy(m, x);
+        }
+        energy / self.units.energy()
+    }
+
+    fn linearise(&mut self, _: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
+        let stiffness = self.units.stiffness();
+        for k in 0..self.rest.len() {
+            let x = self.place(k, at.u[k]);
+            let block = packed(&(self.term.block(self.masses[k], x) * (1.0 / stiffness)));
+            let kv = apply_symmetric(&block, at.v[k]);
+            share.change[k] = sub(share.change[k], kv);
+            let of_step = block.map(|b| h * h * b);
+            for (all, b) in share.diagonal[k].iter_mut().zip(of_step) {
+                *all = *all + b;
+            }
+            self.blocks[k] = of_step;
+        }
+    }
+
+    fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
+        let first = self.first[chunk];
+        for (i, y) in y.iter_mut().enumerate() {
+            *y = add(*y, apply_symmetric(&self.blocks[first + i], p[first + i]));
+        }
+    }
+
+    fn pairs(&self, _: &mut dyn FnMut([u32; 2], &DMat3)) {}
+}
+
+fn packed<T: Real>(m: &DMat3) -> Symmetric<T> {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+    [x.x, y.y, z.z, x.y, x.z, y.z, 0.0, 0.0].map(T::of)
+}

@@ -1,0 +1,453 @@
+//! A body of tets as a simulator, stepped on the CPU.
+
+use super::body::CpuBody;
+use super::guard::Failure;
+use super::loads::Attachment;
+use super::node_terms::NodeTerms;
+use super::real::Real;
+use super::worker::{Errand, LoadChange, Refusal, Worker};
+use crate::gpu::{Gpu, Recorder};
+use crate::mesh::{Blade, TetMesh, Topology, cut};
+use crate::physics::loads::{LoadVersions, LoadsState};
+use crate::physics::{
+    ConjugateGradients, Energy, Engine, GrabId, Grip, Loads, Material, NodeTerm, Nodes, Pose,
+    Progress, Report, Simulator, SimulatorState, SolverKind, SpringNetwork, TopologyChange, advice,
+    largest_stable_step, with_terms,
+};
+use crate::{Error, FailureCause, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A body of tets on threads of the processor, in numbers of type `T`: f32 for speed, f64 for
+/// truth. Steps are done on a thread of its own; what is drawn is uploaded once a picture.
+pub struct CpuTets<T: Real = f32> {
+    gpu: Gpu,
+    mesh: TetMesh,
+    topology: Topology,
+    material: Material,
+    network: SpringNetwork,
+    settings: ConjugateGradients,
+    kind: SolverKind,
+    loads: Loads,
+    /// The loads that the worker has.
+    sent: Option<LoadVersions>,
+    terms: Vec<Arc<dyn NodeTerm>>,
+    worker: Worker<T>,
+    nodes: Nodes,
+    /// The positions that were uploaded.
+    shown: u64,
+    /// Counts changes of state and shape from outside.
+    changes: u64,
+    progress: Progress,
+}
+
+/// The state of a [`CpuTets`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CpuState {
+    /// The body's own, packed: its numbers are those of the type that it computes in.
+    body: Vec<u8>,
+    loads: LoadsState,
+    sent: Option<LoadVersions>,
+    changes: u64,
+    progress: Progress,
+}
+
+impl<T: Real> CpuTets<T> {
+    /// `mesh` made of `material`, at rest, stepped by `kind`, whose linear solves stop as
+    /// `settings` say. `gpu` is what it is drawn on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the nodes do not
+    /// fit the device.
+    pub fn new(
+        gpu: &Gpu,
+        mesh: TetMesh,
+        material: &Material,
+        kind: SolverKind,
+        settings: ConjugateGradients,
+    ) -> Result<CpuTets<T>> {
+        let network = SpringNetwork::new(&mesh, material)?;
+        CpuTets::of_network(gpu, mesh, network, material, kind, settings)
+    }
+
+    /// As [`CpuTets::new`], with masses and springs of one's own: those of a cage, for example.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`CpuTets::new`].
+    pub fn of_network(
+        gpu: &Gpu,
+        mesh: TetMesh,
+        network: SpringNetwork,
+        material: &Material,
+        kind: SolverKind,
+        settings: ConjugateGradients,
+    ) -> Result<CpuTets<T>> {
+        if network.rest.len() != mesh.nodes.len() {
+            return Err(Error::Input(format!(
+                "masses of {} nodes are given for a mesh of {}",
+                network.rest.len(),
+                mesh.nodes.len()
+            )));
+        }
+        let body = CpuBody::new(&network, kind, settings)?;
+        let nodes = Nodes::new(gpu, &mesh)?;
+        Ok(CpuTets {
+            gpu: gpu.clone(),
+            topology: Topology::new(&mesh),
+            material: material.clone(),
+            loads: Loads::new(mesh.nodes.len(), nodes.frame(), network.length_unit),
+            mesh,
+            network,
+            settings,
+            kind,
+            sent: None,
+            terms: Vec::new(),
+            worker: Worker::new(body),
+            nodes,
+            shown: 0,
+            changes: 0,
+            progress: Progress::default(),
+        })
+    }
+
+    /// Sends the loads that have changed.
+    fn send_loads(&mut self) -> Result<()> {
+        let versions = self.loads.versions;
+        if self.sent == Some(versions) {
+            return Ok(());
+        }
+        let known = self.sent;
+        let differs = |of: fn(&LoadVersions) -> u64| known.is_none_or(|k| of(&k) != of(&versions));
+        let change = LoadChange {
+            gravity: self.loads.gravity(),
+            pinned: differs(|v| v.held).then(|| self.loads.pinned().to_vec()),
+            forces: differs(|v| v.forces).then(|| self.loads.forces().to_vec()),
+            attachments: differs(|v| v.grabs).then(|| self.attachments()),
+        };
+        self.sent = Some(versions);
+        self.worker.ask(Errand::Loads(Box::new(change)))
+    }
+
+    /// The nodes that grabs hold or pull, in metres.
+    fn attachments(&self) -> Vec<Attachment> {
+        let metres = |p: DVec3| self.network.to_metres(p);
+        let mut all = Vec::new();
+        for grab in self.loads.grabs.iter() {
+            let share = grab.nodes.len() as f64;
+            for (node, offset) in grab.nodes.iter().zip(&grab.offsets) {
+                let place = metres(grab.target + *offset);
+                all.push(match grab.grip {
+                    Grip::Follow => Attachment::Hold { node: *node, place },
+                    Grip::Spring { stiffness, limit } => Attachment::Pull {
+                        node: *node,
+                        target: place,
+                        stiffness: stiffness / share,
+                        limit: limit / share,
+                    },
+                });
+            }
+        }
+        all
+    }
+
+    /// What is told of a step that was refused.
+    fn error(&mut self, refusal: Refusal) -> Error {
+        match refusal {
+            Refusal::Wrong(error) => error,
+            Refusal::Failed(Failure::BadStep { h }, ..) => Error::Input(format!(
+                "a time step of {h} s makes no sense for this body; give a positive number of seconds"
+            )),
+            Refusal::Failed(failure, dt, progress) => {
+                self.progress = progress;
+                Error::Solver {
+                    solver: self.kind.name(),
+                    step: progress.steps + 1,
+                    time: progress.time,
+                    cause: match failure {
+                        Failure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
+                        Failure::NotConverged { .. } => FailureCause::NotConverged,
+                        _ => FailureCause::NotFinite,
+                    },
+                    what: failure.to_string(),
+                    advice: advice(self.kind, dt, &self.network, self.loads.pinned()),
+                }
+            }
+        }
+    }
+
+    fn metres(&self, positions: &[DVec3]) -> Vec<DVec3> {
+        positions
+            .iter()
+            .map(|p| self.network.to_metres(*p))
+            .collect()
+    }
+
+    fn speeds(&self, velocities: &[DVec3]) -> Vec<DVec3> {
+        let unit = self.network.length_unit;
+        velocities.iter().map(|v| *v * unit).collect()
+    }
+
+    /// Makes the body anew of what the network is now, in the state that it is in.
+    fn remake(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        let mut body = CpuBody::new(&self.network, self.kind, self.settings)?;
+        for term in &self.terms {
+            let term = NodeTerms::new(term.clone(), &body, &self.network);
+            body.add_term(Box::new(term));
+        }
+        body.set_pinned(self.loads.pinned())?;
+        body.set_state(&self.metres(positions), &self.speeds(velocities))?;
+        *self.worker.body() = body;
+        self.sent = None;
+        self.changes += 1;
+        self.worker.publish();
+        Ok(())
+    }
+}
+
+impl<T: Real> Simulator for CpuTets<T> {
+    fn integrator(&self) -> SolverKind {
+        self.kind
+    }
+
+    fn engine(&self) -> Engine {
+        Engine::Cpu
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn masses(&self) -> &[f64] {
+        &self.network.masses
+    }
+
+    fn springs(&self) -> Vec<[u32; 2]> {
+        self.network.springs.iter().map(|s| s.nodes).collect()
+    }
+
+    fn network(&self) -> Option<&SpringNetwork> {
+        Some(&self.network)
+    }
+
+    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+        self.finish()?;
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        (self.kind, self.settings) = (kind, settings);
+        self.progress = Progress::default();
+        self.worker.set_progress(self.progress);
+        self.remake(&positions, &velocities)
+    }
+
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        let mut body = self.worker.body();
+        let own = NodeTerms::new(term.clone(), &body, &self.network);
+        body.add_term(Box::new(own));
+        self.terms.push(term);
+        self.changes += 1;
+        Ok(())
+    }
+
+    fn largest_stable_step(&self) -> Option<f64> {
+        let limit = largest_stable_step(&self.network, self.loads.pinned(), self.kind)?;
+        Some(with_terms(limit, &self.network, &self.terms))
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Err(Error::Input(format!(
+                "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
+            )));
+        }
+        self.send_loads()?;
+        match steps {
+            0 => Ok(()),
+            steps => self.worker.ask(Errand::Steps(steps, dt)),
+        }
+    }
+
+    fn progress(&mut self) -> Result<Progress> {
+        self.progress = match self.worker.progress() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
+    }
+
+    fn finish(&mut self) -> Result<Progress> {
+        self.progress = match self.worker.finish() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
+    }
+
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.run(steps, dt)?;
+        self.publish(work)
+    }
+
+    fn iterations(&self) -> Result<Vec<u32>> {
+        Ok(self.worker.iterations())
+    }
+
+    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+        let Some((version, positions)) = self.worker.published(self.shown) else {
+            return Ok(());
+        };
+        self.shown = version;
+        let unit = self.network.length_unit;
+        let origin = self.network.frame.origin;
+        let places: Vec<DVec3> = positions.iter().map(|x| origin + *x / unit).collect();
+        self.nodes.set_positions(&places)
+    }
+
+    fn nodes(&self) -> &Nodes {
+        &self.nodes
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        let metres = self.worker.body().positions();
+        Ok(metres.iter().map(|x| self.network.to_file(*x)).collect())
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        let unit = self.network.length_unit;
+        let metres = self.worker.body().velocities();
+        Ok(metres.iter().map(|v| *v / unit).collect())
+    }
+
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        let metres = self.metres(positions);
+        {
+            let mut body = self.worker.body();
+            let velocities = body.velocities();
+            body.set_state(&metres, &velocities)?;
+        }
+        self.worker.publish();
+        self.changes += 1;
+        Ok(())
+    }
+
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        let velocities = self.speeds(velocities);
+        let mut body = self.worker.body();
+        let positions = body.positions();
+        body.set_state(&positions, &velocities)?;
+        self.changes += 1;
+        Ok(())
+    }
+
+    fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        &mut self.loads
+    }
+
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        let positions = self.positions()?;
+        self.loads
+            .grab(&positions, |_| true, (centre, radius), grip)
+    }
+
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
+        self.finish()?;
+        let (mut positions, mut velocities) = (self.positions()?, self.velocities()?);
+        let done = cut(&mut self.mesh, &mut self.topology, &positions, blade)?;
+        if done.is_empty() {
+            return Ok(TopologyChange::default());
+        }
+        self.network.follow(&self.mesh, &self.material, &done)?;
+        for [_, old] in &done.doubled {
+            positions.push(positions[*old as usize]);
+            velocities.push(velocities[*old as usize]);
+        }
+        self.loads.follow(&done, &self.network.masses);
+        let blank = vec![[0.0; 4]; done.doubled.len()];
+        self.nodes.extend(&blank)?;
+        self.remake(&positions, &velocities)?;
+        let mut work = self.gpu.record();
+        self.publish(&mut work)?;
+        Ok(TopologyChange {
+            mesh: done,
+            springs: 0,
+        })
+    }
+
+    fn report(&self) -> Result<Report> {
+        let positions = self.positions()?;
+        let velocities = self.velocities()?;
+        let energy = Energy::of(&self.network, &self.terms, &positions, &velocities);
+        Ok(Report::of_positions(energy, &self.mesh, &positions))
+    }
+
+    fn speed(&self) -> f64 {
+        if self.progress.steps == 0 {
+            return f64::INFINITY;
+        }
+        let mass: f64 = self.network.masses.iter().sum();
+        let speed = (2.0 * self.progress.last.kinetic.max(0.0) / mass).sqrt();
+        speed / (self.network.frame.scale * self.network.length_unit)
+    }
+
+    fn touched(&self) -> u64 {
+        self.changes + self.loads.version()
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        Ok(SimulatorState::Cpu(Box::new(CpuState {
+            body: postcard::to_stdvec(&self.worker.body().state())
+                .map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))?,
+            loads: self.loads.state(),
+            sent: self.sent,
+            changes: self.changes,
+            progress: self.progress,
+        })))
+    }
+
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
+        let SimulatorState::Cpu(state) = state else {
+            return Err(Error::Input(
+                "the state of another kind of body, or of another engine".into(),
+            ));
+        };
+        let kept = postcard::from_bytes(&state.body).map_err(|_| {
+            Error::Input("the state of a body of other numbers, or a damaged one".into())
+        })?;
+        self.loads.set_state(&state.loads)?;
+        {
+            let mut body = self.worker.body();
+            body.set_pinned(self.loads.pinned())?;
+            body.set_gravity(self.loads.gravity());
+            body.set_forces(self.loads.forces())?;
+            body.set_attachments(&self.attachments())?;
+            body.resume(&kept)?;
+        }
+        self.sent = state.sent;
+        self.changes = state.changes;
+        self.progress = state.progress;
+        self.worker.set_progress(state.progress);
+        self.worker.publish();
+        Ok(())
+    }
+
+    fn pose(&self) -> Result<Pose> {
+        Ok(Pose {
+            positions: Vec::new(),
+            normals: Vec::new(),
+            exact: self.worker.body().displacements(),
+        })
+    }
+
+    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+        self.worker.body().set_displacements(&pose.exact)?;
+        self.worker.publish();
+        Ok(())
+    }
+}

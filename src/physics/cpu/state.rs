@@ -1,0 +1,111 @@
+//! The whole state of a body, to the bit: a run that goes on from it takes the same steps as one
+//! that was never left, on as many threads.
+//!
+//! What is set from outside (pins, loads, attachments) and what follows from the network is not
+//! part of it.
+
+use super::body::{CpuBody, Start};
+use super::guard::Guard;
+use super::implicit::{Basis, Scene};
+use super::real::Real;
+use super::terms::At;
+use super::vectors::V4;
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// What [`CpuBody::state`] gives: vectors in local units, nodes in the engine's order.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct BodyState<T> {
+    /// Displacements from the rest positions.
+    pub u: Vec<V4<T>>,
+    /// Velocities.
+    pub v: Vec<V4<T>>,
+    /// Of velocity Verlet: the velocities that the last forces saw; else none.
+    pub seen: Vec<V4<T>>,
+    /// Of implicit Euler: the last solutions, newest first.
+    pub solutions: Vec<Vec<V4<T>>>,
+    /// Of implicit Euler: what its coarse space was built from.
+    pub basis: Option<Basis<T>>,
+    /// What the rule against runaways remembers.
+    pub guard: Guard,
+    /// Length of the last step, local units; 0 where the next is a first one.
+    pub lag: f64,
+    /// Steps taken.
+    pub steps: u64,
+    /// Whether forces are as old as the state, only older than what acts, or of no use.
+    pub begin: u8,
+}
+
+impl<T: Real> CpuBody<T> {
+    /// The state.
+    pub fn state(&self) -> BodyState<T> {
+        let implicit = self.implicit.as_ref();
+        BodyState {
+            u: self.now.u.clone(),
+            v: self.now.v.clone(),
+            seen: self.now.seen.clone(),
+            solutions: implicit.map_or(Vec::new(), |i| i.solver.known[..i.solver.count].to_vec()),
+            basis: implicit.map(|i| i.basis.clone()),
+            guard: self.guard,
+            lag: self.lag,
+            steps: self.steps,
+            begin: match self.start {
+                Start::Ready => 0,
+                Start::Resume => 1,
+                Start::Restart => 2,
+            },
+        }
+    }
+
+    /// Goes on from a state that [`CpuBody::state`] gave of this body or of one made in the same
+    /// way, which had the same pins, loads and attachments: set those before.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for the state of another body.
+    pub fn resume(&mut self, state: &BodyState<T>) -> Result<()> {
+        let nodes = self.node_count();
+        let fits = state.u.len() == nodes
+            && state.v.len() == nodes
+            && state.seen.len() == self.now.seen.len()
+            && state.solutions.len() <= 2
+            && state.solutions.iter().all(|s| s.len() == nodes)
+            && state.basis.is_some() == self.implicit.is_some()
+            && state.basis.as_ref().is_none_or(|b| b.u.len() == nodes)
+            && state.begin <= 2;
+        if !fits {
+            return Err(Error::Input(
+                "the state of another body, or a damaged one".into(),
+            ));
+        }
+        self.now.u.copy_from_slice(&state.u);
+        self.now.v.copy_from_slice(&state.v);
+        self.now.seen.copy_from_slice(&state.seen);
+        self.guard = state.guard;
+        self.lag = state.lag;
+        self.steps = state.steps;
+        // Forces are made anew in any case, from the same numbers.
+        self.start = match state.begin {
+            2 => Start::Restart,
+            _ => Start::Resume,
+        };
+        if let (Some(implicit), Some(basis)) = (&mut self.implicit, &state.basis) {
+            implicit.solver.count = state.solutions.len();
+            for (known, s) in implicit.solver.known.iter_mut().zip(&state.solutions) {
+                known.copy_from_slice(s);
+            }
+            let scene = Scene {
+                plan: &self.plan,
+                masses: &self.masses,
+                free: &self.free,
+                rest: &self.rest_local,
+                at: At {
+                    u: &self.now.u,
+                    v: &self.now.v,
+                },
+                f: &self.now.f,
+            };
+            implicit.resume(&scene, &mut self.terms, basis.clone());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,129 @@
+//! Forces, energies and whether all is finite, in one pass over a state.
+
+use super::explicit::{self, From};
+use super::guard::Sums;
+use super::loads::Loads;
+use super::pool::{Nodes, Plan};
+use super::real::Real;
+use super::terms::{At, Term};
+use super::vectors::{V4, total};
+
+/// What forces come from.
+pub struct Sources<'a, T> {
+    /// How the nodes are shared out.
+    pub plan: &'a Plan,
+    /// Masses, local units.
+    pub masses: &'a [T],
+    /// What acts from outside.
+    pub loads: &'a Loads<T>,
+    /// Springs and whatever else there is.
+    pub terms: &'a [Box<dyn Term<T>>],
+}
+
+impl<T: Real> Sources<'_, T> {
+    /// Puts the forces at a state into `f`.
+    pub fn forces(&self, at: At<'_, T>, f: &mut [V4<T>]) -> Sums {
+        let none: &mut [V4<T>] = &mut [];
+        self.run(at, f, none, None)
+    }
+
+    /// Puts the forces at `at`, whose velocities are v + h a, into `f`, and the velocities at the
+    /// end of a step of velocity Verlet that began with `before` into `v`.
+    pub fn finish_velocity_verlet(
+        &self,
+        at: At<'_, T>,
+        f: &mut [V4<T>],
+        v: &mut [V4<T>],
+        h: T,
+        before: From<'_, T>,
+    ) -> Sums {
+        self.run(at, f, v, Some((h, before)))
+    }
+
+    fn run(
+        &self,
+        at: At<'_, T>,
+        f: &mut [V4<T>],
+        v: &mut [V4<T>],
+        finish: Option<(T, From<'_, T>)>,
+    ) -> Sums {
+        let data = (Nodes(f), Nodes(v));
+        let [kinetic, elastic, power, bad] = self.plan.each(data, &|chunk, nodes, (f, v)| {
+            let (f, v) = (f.0, v.0);
+            self.loads.put(self.plan, chunk, self.masses, at.u, f);
+            // What acts from outside is gone from f once the terms have added theirs, and its
+            // power is taken with the velocities at the end.
+            let outside = finish.is_none().then(|| power(f, &at.v[nodes.clone()]));
+            let mut elastic = 0.0;
+            for term in self.terms {
+                elastic += term.forces(chunk, at, f);
+            }
+            let masses = &self.masses[nodes.clone()];
+            let u = &at.u[nodes.clone()];
+            let (velocities, power): (&[V4<T>], f64) = match finish {
+                None => (&at.v[nodes], outside.unwrap_or(0.0)),
+                Some((h, before)) => {
+                    let mine = From {
+                        u: &before.u[nodes.clone()],
+                        v: &before.v[nodes.clone()],
+                        f: &before.f[nodes.clone()],
+                        inverse: &before.inverse[nodes.clone()],
+                    };
+                    explicit::finish_velocity_verlet(h, mine, f, v);
+                    (v, self.outside_power(chunk, at, v))
+                }
+            };
+            let (kinetic, bad) = motion(masses, u, velocities, f);
+            [kinetic, elastic, power, bad]
+        });
+        Sums {
+            kinetic,
+            elastic,
+            power,
+            bad,
+        }
+    }
+
+    /// The power of what acts from outside, with other velocities than those of the forces.
+    fn outside_power(&self, chunk: usize, at: At<'_, T>, v: &[V4<T>]) -> f64 {
+        self.loads.power(self.plan, chunk, self.masses, at.u, v)
+    }
+}
+
+/// Σ f·v.
+pub fn power<T: Real>(f: &[V4<T>], v: &[V4<T>]) -> f64 {
+    dot(f, v)
+}
+
+/// Σ a·b: lanes of 32 vectors at a time, these in f64.
+pub fn dot<T: Real>(a: &[V4<T>], b: &[V4<T>]) -> f64 {
+    let mut sum = 0.0;
+    for (a, b) in a.chunks(32).zip(b.chunks(32)) {
+        let mut lanes = [T::ZERO; 4];
+        for (a, b) in a.iter().zip(b) {
+            for n in 0..4 {
+                lanes[n] += a[n] * b[n];
+            }
+        }
+        sum += total(lanes);
+    }
+    sum
+}
+
+/// Energy of motion, and a sum that is zero where everything is finite and no number otherwise.
+fn motion<T: Real>(masses: &[T], u: &[V4<T>], v: &[V4<T>], f: &[V4<T>]) -> (f64, f64) {
+    let mut sum = 0.0;
+    let mut bad = [T::ZERO; 4];
+    let states = u.chunks(32).zip(v.chunks(32));
+    for ((m, f), (u, v)) in masses.chunks(32).zip(f.chunks(32)).zip(states) {
+        let mut lanes = [T::ZERO; 4];
+        for ((m, f), (u, v)) in m.iter().zip(f).zip(u.iter().zip(v)) {
+            for n in 0..4 {
+                lanes[n] += *m * v[n] * v[n];
+                bad[n] += (u[n] + f[n]) * T::ZERO;
+            }
+        }
+        sum += total(lanes);
+    }
+    (0.5 * sum, total(bad))
+}

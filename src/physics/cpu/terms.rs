@@ -1,0 +1,50 @@
+//! What a body's energy is made of: springs, a floor, and whatever else pushes or pulls.
+
+use super::pool::Plan;
+use super::real::Real;
+use super::vectors::{Symmetric, V4};
+use glam::DMat3;
+
+/// The state that forces are taken at, in local units and the engine's order.
+#[derive(Clone, Copy, Debug)]
+pub struct At<'a, T> {
+    /// Displacement of every node from its rest position. Not positions: what a spring stretches
+    /// is a small difference of these, which in f32 would lose most of its digits.
+    pub u: &'a [V4<T>],
+    /// Velocity of every node.
+    pub v: &'a [V4<T>],
+}
+
+/// What a term adds to the system of implicit Euler, A = M − h ∂f/∂v − h² K̃: K̃ is ∂f/∂x without
+/// what is not negative semidefinite.
+#[derive(Debug)]
+pub struct Share<'a, T> {
+    /// The diagonal blocks of A.
+    pub diagonal: &'a mut [Symmetric<T>],
+    /// K̃ v.
+    pub change: &'a mut [V4<T>],
+}
+
+/// A term of a body's energy, with the forces and the damping that come of it.
+///
+/// The nodes are shared out by a [`Plan`]. Functions that are given a chunk add to the nodes of
+/// that chunk alone, and are called for all chunks at the same time. A term goes by the plan and
+/// the order of nodes that it was made for.
+pub trait Term<T: Real>: Send + Sync {
+    /// Adds the forces on the nodes of a chunk to `f`, which begins with the chunk's first node.
+    /// Returns the energy of the chunk's share, such that all shares make up the term's energy.
+    /// Local units.
+    fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64;
+
+    /// Linearises the term at a state for steps of length `h`, and adds its share of the system;
+    /// what [`Term::multiply`] needs is kept.
+    fn linearise(&mut self, plan: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>);
+
+    /// Adds the term's part of A p, as last linearised, to the nodes of a chunk: `y` begins with
+    /// the chunk's first node. Damping and stiffness only, the masses are no term's.
+    fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]);
+
+    /// Tells every block A_ij with i < j, as last linearised, once or in parts: what a coarse
+    /// space is built from. The blocks on the diagonal are those of [`Share::diagonal`].
+    fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3));
+}

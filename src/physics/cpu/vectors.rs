@@ -1,0 +1,115 @@
+//! Vectors and 3×3 blocks as the engine keeps them: padded to four lanes, for the sake of SIMD.
+
+use super::real::Real;
+use glam::DVec3;
+
+/// x, y, z and a lane that is always zero.
+pub type V4<T> = [T; 4];
+
+/// A 3×3 block as three columns.
+pub type Columns<T> = [V4<T>; 3];
+
+/// A symmetric 3×3 block: xx, yy, zz, xy, xz, yz, and two lanes without meaning.
+pub type Symmetric<T> = [T; 8];
+
+/// The zero vector.
+#[inline(always)]
+pub fn zero<T: Real>() -> V4<T> {
+    [T::ZERO; 4]
+}
+
+/// a + b.
+#[inline(always)]
+pub fn add<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]]
+}
+
+/// a − b.
+#[inline(always)]
+pub fn sub<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]]
+}
+
+/// Lane by lane a b.
+#[inline(always)]
+pub fn mul<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
+    [a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]]
+}
+
+/// s a.
+#[inline(always)]
+pub fn scale<T: Real>(s: T, a: V4<T>) -> V4<T> {
+    [s * a[0], s * a[1], s * a[2], s * a[3]]
+}
+
+/// a + s b.
+#[inline(always)]
+pub fn add_scaled<T: Real>(a: V4<T>, s: T, b: V4<T>) -> V4<T> {
+    [
+        a[0] + s * b[0],
+        a[1] + s * b[1],
+        a[2] + s * b[2],
+        a[3] + s * b[3],
+    ]
+}
+
+/// The sum of the lanes, in f64.
+#[inline(always)]
+pub fn total<T: Real>(a: V4<T>) -> f64 {
+    (a[0].wide() + a[1].wide()) + (a[2].wide() + a[3].wide())
+}
+
+/// m a.
+#[inline(always)]
+pub fn apply<T: Real>(m: &Columns<T>, a: V4<T>) -> V4<T> {
+    add_scaled(add_scaled(scale(a[0], m[0]), a[1], m[1]), a[2], m[2])
+}
+
+/// m a of a symmetric block.
+#[inline(always)]
+pub fn apply_symmetric<T: Real>(m: &Symmetric<T>, a: V4<T>) -> V4<T> {
+    [
+        m[0] * a[0] + m[3] * a[1] + m[4] * a[2],
+        m[3] * a[0] + m[1] * a[1] + m[5] * a[2],
+        m[4] * a[0] + m[5] * a[1] + m[2] * a[2],
+        T::ZERO,
+    ]
+}
+
+/// A vector in units of `unit`.
+pub fn of_metres<T: Real>(v: DVec3, unit: f64) -> V4<T> {
+    let v = v / unit;
+    [T::of(v.x), T::of(v.y), T::of(v.z), T::ZERO]
+}
+
+/// The vector that is `v` in units of `unit`.
+pub fn to_metres<T: Real>(v: V4<T>, unit: f64) -> DVec3 {
+    DVec3::new(v[0].wide(), v[1].wide(), v[2].wide()) * unit
+}
+
+/// The inverse of a symmetric block that is positive definite; of one that is not to the digits of
+/// T, that of its plain diagonal.
+pub fn inverse<T: Real>(m: &Symmetric<T>) -> Columns<T> {
+    let m = m.map(Real::wide);
+    // Scaled to its largest entry, so that the determinant stays in range.
+    let largest = m[0].max(m[1]).max(m[2]);
+    let [a, b, c, d, e, f] = [m[0], m[1], m[2], m[3], m[4], m[5]].map(|x| x / largest);
+    let xx = b * c - f * f;
+    let xy = e * f - d * c;
+    let xz = d * f - e * b;
+    let yy = a * c - e * e;
+    let yz = d * e - a * f;
+    let zz = a * b - d * d;
+    let determinant = a * xx + d * xy + e * xz;
+    let safe = determinant > 1e-14;
+    let over = 1.0 / (determinant * largest);
+    let z = T::ZERO;
+    if safe {
+        let [xx, xy, xz, yy, yz, zz] = [xx, xy, xz, yy, yz, zz].map(|x| T::of(x * over));
+        [[xx, xy, xz, z], [xy, yy, yz, z], [xz, yz, zz, z]]
+    } else {
+        // A node held by next to nothing in some direction.
+        let [x, y, w] = [m[0], m[1], m[2]].map(|x| T::of(1.0 / x));
+        [[x, z, z, z], [z, y, z, z], [z, z, w, z]]
+    }
+}

@@ -1,0 +1,312 @@
+//! A body on a thread of its own: steps are asked for and done behind the caller's back, who looks
+//! how far they are and takes the positions that were put out last.
+
+use super::body::CpuBody;
+use super::guard::Failure;
+use super::loads::Attachment;
+use super::real::Real;
+use crate::physics::{Progress, SolverKind, StepRecord};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use web_time::{Duration, Instant};
+
+/// Positions are put out this often while steps go on.
+const PICTURE: Duration = Duration::from_millis(15);
+
+/// Steps of which the iterations are kept.
+const HISTORY: usize = 1024;
+
+/// What a body is asked to do, in turn.
+#[derive(Debug)]
+pub(super) enum Errand {
+    /// So many steps of so many seconds.
+    Steps(u32, f64),
+    /// To take over loads.
+    Loads(Box<LoadChange>),
+}
+
+/// The loads that have changed.
+#[derive(Debug, Default)]
+pub(super) struct LoadChange {
+    pub gravity: DVec3,
+    pub pinned: Option<Vec<bool>>,
+    pub forces: Option<Vec<DVec3>>,
+    pub attachments: Option<Vec<Attachment>>,
+}
+
+/// What is known of the steps, and those that are left.
+#[derive(Debug, Default)]
+struct Queue {
+    errands: VecDeque<Errand>,
+    busy: bool,
+    quit: bool,
+    progress: Progress,
+    iterations: VecDeque<u32>,
+    /// Why the last step was refused, and its length.
+    failure: Option<(Failure, f64)>,
+    refused: Option<Error>,
+}
+
+/// Positions in metres, as they were put out last.
+#[derive(Debug, Default)]
+struct Published {
+    version: u64,
+    positions: Vec<DVec3>,
+}
+
+struct Shared<T: Real> {
+    body: Mutex<CpuBody<T>>,
+    queue: Mutex<Queue>,
+    /// There is something to do, or nothing any more.
+    wake: Condvar,
+    idle: Condvar,
+    published: Mutex<Published>,
+}
+
+/// A body and its thread.
+pub(super) struct Worker<T: Real> {
+    shared: Arc<Shared<T>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<T: Real> Worker<T> {
+    pub fn new(body: CpuBody<T>) -> Worker<T> {
+        Worker {
+            shared: Arc::new(Shared {
+                body: Mutex::new(body),
+                queue: Mutex::default(),
+                wake: Condvar::new(),
+                idle: Condvar::new(),
+                published: Mutex::default(),
+            }),
+            thread: None,
+        }
+    }
+
+    /// The body, between two steps. What is done to it is done behind what was asked for.
+    pub fn body(&self) -> MutexGuard<'_, CpuBody<T>> {
+        lock(&self.shared.body)
+    }
+
+    /// Asks for something.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where no thread can be had.
+    pub fn ask(&mut self, errand: Errand) -> Result<()> {
+        lock(&self.shared.queue).errands.push_back(errand);
+        if cfg!(target_arch = "wasm32") {
+            // Without threads it is done at once.
+            while self.shared.turn() {}
+            return Ok(());
+        }
+        if self.thread.is_none() {
+            let shared = self.shared.clone();
+            let thread = std::thread::Builder::new().name("palpate-body".into());
+            let thread = thread.spawn(move || shared.work());
+            self.thread = Some(thread.map_err(Error::io("a thread for the simulation"))?);
+        }
+        self.shared.wake.notify_one();
+        Ok(())
+    }
+
+    /// How far the steps are, or why one was refused, and its length; that is told once.
+    pub fn progress(&self) -> std::result::Result<Progress, Refusal> {
+        let mut queue = lock(&self.shared.queue);
+        told(&mut queue)
+    }
+
+    /// The same after everything that was asked for.
+    pub fn finish(&self) -> std::result::Result<Progress, Refusal> {
+        let mut queue = lock(&self.shared.queue);
+        while queue.busy || !queue.errands.is_empty() {
+            let waited = self.shared.idle.wait(queue);
+            queue = waited.unwrap_or_else(PoisonError::into_inner);
+        }
+        told(&mut queue)
+    }
+
+    /// Begins to count anew, from so far.
+    pub fn set_progress(&self, progress: Progress) {
+        let mut queue = lock(&self.shared.queue);
+        queue.progress = progress;
+        queue.iterations.clear();
+    }
+
+    /// Iterations of the latest steps, oldest first.
+    pub fn iterations(&self) -> Vec<u32> {
+        lock(&self.shared.queue)
+            .iterations
+            .iter()
+            .copied()
+            .collect()
+    }
+
+    /// Gives the positions that were put out last, in metres, if they are newer than `known`.
+    pub fn published(&self, known: u64) -> Option<(u64, Vec<DVec3>)> {
+        let published = lock(&self.shared.published);
+        (published.version != known).then(|| (published.version, published.positions.clone()))
+    }
+
+    /// Puts the positions of now out.
+    pub fn publish(&self) {
+        self.shared.publish(&self.body());
+    }
+}
+
+impl<T: Real> Drop for Worker<T> {
+    fn drop(&mut self) {
+        lock(&self.shared.queue).quit = true;
+        self.shared.wake.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // Its panic is not this one's.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Why a step was refused.
+pub(super) enum Refusal {
+    /// The simulation failed, at a step of that many seconds.
+    Failed(Failure, f64, Progress),
+    /// What was asked for makes no sense.
+    Wrong(Error),
+}
+
+fn told(queue: &mut Queue) -> std::result::Result<Progress, Refusal> {
+    if let Some(error) = queue.refused.take() {
+        return Err(Refusal::Wrong(error));
+    }
+    match queue.failure.take() {
+        Some((failure, dt)) => Err(Refusal::Failed(failure, dt, queue.progress)),
+        None => Ok(queue.progress),
+    }
+}
+
+impl<T: Real> Shared<T> {
+    fn work(&self) {
+        loop {
+            {
+                let mut queue = lock(&self.queue);
+                while queue.errands.is_empty() && !queue.quit {
+                    queue = self
+                        .wake
+                        .wait(queue)
+                        .unwrap_or_else(PoisonError::into_inner);
+                }
+                if queue.quit {
+                    return;
+                }
+                queue.busy = true;
+            }
+            let mut put_out = Instant::now();
+            while self.turn() {
+                if put_out.elapsed() > PICTURE {
+                    self.publish(&lock(&self.body));
+                    put_out = Instant::now();
+                }
+            }
+            self.publish(&lock(&self.body));
+            let mut queue = lock(&self.queue);
+            queue.busy = false;
+            if queue.errands.is_empty() {
+                self.idle.notify_all();
+            }
+        }
+    }
+
+    /// Does one thing, at most a few milliseconds of steps; whether there was any.
+    fn turn(&self) -> bool {
+        let errand = {
+            let mut queue = lock(&self.queue);
+            if queue.quit {
+                return false;
+            }
+            queue.errands.pop_front()
+        };
+        match errand {
+            None => return false,
+            Some(Errand::Loads(change)) => {
+                if let Err(error) = take_over(&mut lock(&self.body), *change) {
+                    self.drop_steps().refused = Some(error);
+                }
+            }
+            Some(Errand::Steps(left, dt)) => self.steps(left, dt),
+        }
+        true
+    }
+
+    fn steps(&self, left: u32, dt: f64) {
+        let mut body = lock(&self.body);
+        // Every implicit step is told of; explicit ones are short.
+        let implicit = body.kind() == SolverKind::Implicit;
+        let mut some = 1;
+        let (start, mut done) = (Instant::now(), 0);
+        let mut record: Option<StepRecord> = None;
+        let mut failure = None;
+        while done < left && failure.is_none() && start.elapsed() < PICTURE / 2 {
+            let before = body.steps();
+            match body.run(some.min(left - done), dt) {
+                Ok(last) => record = Some(last),
+                Err(why) => failure = Some(why),
+            }
+            done += (body.steps() - before) as u32;
+            if implicit {
+                break;
+            }
+            some = 2 * some;
+        }
+        drop(body);
+        let mut queue = lock(&self.queue);
+        queue.progress.steps += u64::from(done);
+        queue.progress.time += f64::from(done) * dt;
+        if let Some(record) = record {
+            queue.progress.last = record;
+            if implicit {
+                if queue.iterations.len() == HISTORY {
+                    queue.iterations.pop_front();
+                }
+                queue.iterations.push_back(record.iterations);
+            }
+        }
+        if let Some(why) = failure {
+            drop(queue);
+            self.drop_steps().failure = Some((why, dt));
+        } else if done < left {
+            queue.errands.push_front(Errand::Steps(left - done, dt));
+        }
+    }
+
+    fn drop_steps(&self) -> MutexGuard<'_, Queue> {
+        let mut queue = lock(&self.queue);
+        queue.errands.retain(|e| !matches!(e, Errand::Steps(..)));
+        queue
+    }
+
+    fn publish(&self, body: &CpuBody<T>) {
+        let positions = body.positions();
+        let mut published = lock(&self.published);
+        published.positions = positions;
+        published.version += 1;
+    }
+}
+
+fn take_over<T: Real>(body: &mut CpuBody<T>, change: LoadChange) -> Result<()> {
+    body.set_gravity(change.gravity);
+    if let Some(pinned) = change.pinned {
+        body.set_pinned(&pinned)?;
+    }
+    if let Some(forces) = change.forces {
+        body.set_forces(&forces)?;
+    }
+    match change.attachments {
+        Some(attachments) => body.set_attachments(&attachments),
+        None => Ok(()),
+    }
+}

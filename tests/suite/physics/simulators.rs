@@ -1,0 +1,273 @@
+//! What every simulator does, whatever it is made of and whatever steps it: one trait, one set of
+//! tests.
+
+use crate::support::gpu;
+use glam::{DMat3, DVec3};
+use palpate::Error;
+use palpate::cage::{Cage, CageKind, Carried};
+use palpate::gpu::Gpu;
+use palpate::mesh::{Blade, TetMesh, generate};
+use palpate::mesher::Domain;
+use palpate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
+use palpate::physics::{
+    CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, Simulator, SolverKind, SpringNetwork,
+};
+
+const SIZE: DVec3 = DVec3::new(0.2, 0.05, 0.05);
+
+fn material() -> Material {
+    Material {
+        damping_time: 2e-3,
+        ..Material::young(3e4)
+    }
+}
+
+/// The box from the origin to a corner.
+struct Block;
+
+impl Domain for Block {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        (DVec3::ZERO, SIZE)
+    }
+
+    fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+        weights.clear();
+        weights.push((1, p.min(SIZE - p).min_element() + 1e-6));
+    }
+}
+
+fn bar() -> TetMesh {
+    generate::bar_of_about(600, SIZE).unwrap()
+}
+
+fn grid(gpu: &Gpu) -> GpuGrid {
+    let shape = GridShape::carve(&Block, DVec3::splat(0.0125), DMat3::IDENTITY).unwrap();
+    let mut model = GridModel::new(shape, &material()).unwrap();
+    model.damping = 4.0;
+    let body = GridBody::new(gpu, model).unwrap();
+    let mesh = body.mesh().clone();
+    GpuGrid::new(gpu, body, mesh)
+}
+
+fn carried(gpu: &Gpu, choice: EngineChoice) -> Carried {
+    let (mesh, material) = (bar(), material());
+    let fine = SpringNetwork::new(&mesh, &material).unwrap();
+    let cage = Cage::new(&mesh, &fine, CageKind::Lattice, 100).unwrap();
+    let own = (cage.mesh.clone(), cage.network.clone());
+    let how = (SolverKind::Implicit, Default::default());
+    let inner = choice.tets_of(gpu, own, &material, how).unwrap();
+    Carried::new(gpu, mesh, cage, inner).unwrap()
+}
+
+/// One of each, by name, with a step that suits it.
+fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
+    let gpu = gpu();
+    let mut all: Vec<(String, Box<dyn Simulator>)> = Vec::new();
+    for kind in SolverKind::ALL {
+        let tets = GpuTets::new(&gpu, bar(), &material(), kind).unwrap();
+        all.push((format!("gpu {kind}"), Box::new(tets)));
+        let tets = CpuTets::<f32>::new(&gpu, bar(), &material(), kind, Default::default());
+        all.push((format!("cpu {kind}"), Box::new(tets.unwrap())));
+    }
+    let settings = Default::default();
+    let tets = CpuTets::<f64>::new(&gpu, bar(), &material(), SolverKind::Implicit, settings);
+    all.push(("cpu f64 implicit".into(), Box::new(tets.unwrap())));
+    all.push(("gpu grid".into(), Box::new(grid(&gpu))));
+    for engine in [Engine::Gpu, Engine::Cpu] {
+        let choice = EngineChoice::This(engine);
+        all.push((
+            format!("carried by {engine}"),
+            Box::new(carried(&gpu, choice)),
+        ));
+    }
+    let with_step = all.into_iter().map(|(name, simulator)| {
+        let dt = simulator.largest_stable_step().map_or(0.005, |h| 0.4 * h);
+        (name, simulator, dt)
+    });
+    with_step.collect()
+}
+
+/// Held at its lower end along x, with weight.
+fn hold(simulator: &mut dyn Simulator) {
+    let nodes = simulator.mesh().nodes.iter().enumerate();
+    let held: Vec<u32> = nodes
+        .filter(|(_, p)| p.x < 0.02)
+        .map(|(i, _)| i as u32)
+        .collect();
+    simulator.pin_nodes(&held).unwrap();
+    let gravity = DVec3::new(0.0, 0.0, -9.81);
+    simulator.loads_mut().set_gravity(gravity);
+}
+
+fn tip(simulator: &dyn Simulator) -> f64 {
+    let (rest, now) = (&simulator.mesh().nodes, simulator.positions().unwrap());
+    let end = rest.iter().zip(&now).filter(|(p, _)| p.x > SIZE.x - 1e-6);
+    let sunk: Vec<f64> = end.map(|(p, q)| p.z - q.z).collect();
+    sunk.iter().sum::<f64>() / sunk.len() as f64
+}
+
+#[test]
+fn all_bend_by_the_same_weight_to_the_same_shape() {
+    let mut tips = Vec::new();
+    for (name, mut simulator, dt) in all() {
+        hold(simulator.as_mut());
+        let time = 0.12;
+        let steps = (time / dt).round() as u32;
+        let progress = simulator.run(steps, dt).unwrap();
+        assert_eq!(progress.steps, u64::from(steps), "{name}");
+        assert!(
+            (progress.time - f64::from(steps) * dt).abs() < 1e-9,
+            "{name}"
+        );
+        println!("{name}: {:.5}", tip(simulator.as_ref()));
+        tips.push((name, tip(simulator.as_ref())));
+        let report = simulator.report().unwrap();
+        assert!(report.energy.elastic > 0.0 && report.inverted == 0);
+        assert!(simulator.speed() > 0.0 && simulator.speed().is_finite());
+    }
+    let of = |name: &str| tips.iter().find(|t| t.0 == name).map_or(f64::NAN, |t| t.1);
+    for kind in SolverKind::ALL {
+        let (gpu, cpu) = (of(&format!("gpu {kind}")), of(&format!("cpu {kind}")));
+        assert!((gpu / cpu - 1.0).abs() < 2e-3, "{kind}: {gpu} {cpu}");
+    }
+    let (single, double) = (of("cpu implicit"), of("cpu f64 implicit"));
+    assert!((single / double - 1.0).abs() < 2e-3, "{single} {double}");
+    let (gpu, cpu) = (of("carried by gpu"), of("carried by cpu"));
+    assert!((gpu / cpu - 1.0).abs() < 2e-3, "{gpu} {cpu}");
+    assert!((0.002..0.05).contains(&of("gpu grid")));
+}
+
+#[test]
+fn steps_are_asked_for_and_arrive() {
+    for (name, mut simulator, dt) in all() {
+        hold(simulator.as_mut());
+        simulator.advance(7, dt).unwrap();
+        simulator.advance(5, dt).unwrap();
+        let mut known = 0;
+        let start = std::time::Instant::now();
+        while known < 12 {
+            let now = simulator.progress().unwrap().steps;
+            assert!(now >= known && now <= 12, "{name}: {known} {now}");
+            known = now;
+            assert!(start.elapsed().as_secs() < 60, "{name}: {known} steps");
+        }
+        assert_eq!(simulator.finish().unwrap().steps, 12, "{name}");
+        // What is drawn is where the body is, and is noticed.
+        let before = simulator.nodes().version();
+        let gpu = gpu();
+        simulator.run(3, dt).unwrap();
+        let mut work = gpu.record();
+        simulator.publish(&mut work).unwrap();
+        work.submit().unwrap();
+        assert_ne!(simulator.nodes().version(), before, "{name}");
+        let drawn = simulator.nodes().positions().unwrap();
+        let there = simulator.positions().unwrap();
+        let apart = drawn.iter().zip(&there).map(|(a, b)| a.distance(*b));
+        assert!(apart.fold(0.0, f64::max) < 1e-7, "{name}");
+        assert!(simulator.advance(1, f64::NAN).is_err(), "{name}");
+        assert!(simulator.advance(1, -dt).is_err(), "{name}");
+    }
+}
+
+#[test]
+fn a_state_taken_up_goes_on_to_the_bit() {
+    for ((name, mut one, dt), (_, mut other, _)) in all().into_iter().zip(all()) {
+        for simulator in [&mut one, &mut other] {
+            hold(simulator.as_mut());
+        }
+        let grab = |s: &mut dyn Simulator| {
+            let at = DVec3::new(0.2, 0.025, 0.025);
+            let grip = Grip::Spring {
+                stiffness: 20.0,
+                limit: 0.5,
+            };
+            let grab = s.grab(at, 0.02, grip).unwrap();
+            s.set_target(grab, at + DVec3::new(0.0, 0.01, 0.0)).unwrap();
+        };
+        grab(one.as_mut());
+        one.run(6, dt).unwrap();
+        other.set_state(&one.state().unwrap()).unwrap();
+        assert_eq!(one.touched(), other.touched(), "{name}");
+        let a = one.run(5, dt).unwrap();
+        let b = other.run(5, dt).unwrap();
+        assert_eq!(a, b, "{name}");
+        assert_eq!(
+            one.positions().unwrap(),
+            other.positions().unwrap(),
+            "{name}"
+        );
+        assert_eq!(one.velocities().unwrap(), other.velocities().unwrap());
+        // It can fail: one that was left to itself is elsewhere.
+        other.run(1, dt).unwrap();
+        assert_ne!(one.positions().unwrap(), other.positions().unwrap());
+    }
+}
+
+#[test]
+fn grabs_hold_and_cuts_part() {
+    for (name, mut simulator, dt) in all() {
+        hold(simulator.as_mut());
+        let touched = simulator.touched();
+        let at = DVec3::new(0.2, 0.025, 0.025);
+        let grab = simulator.grab(at, 0.02, Grip::Follow).unwrap();
+        let target = at + DVec3::new(0.0, 0.02, 0.0);
+        simulator.set_target(grab, target).unwrap();
+        assert_ne!(simulator.touched(), touched, "{name}");
+        simulator.run(4, dt).unwrap();
+        let rest = simulator.mesh().nodes.clone();
+        let near = (0..rest.len())
+            .filter(|i| simulator.masses().get(*i).is_none_or(|m| *m > 0.0))
+            .min_by(|a, b| rest[*a].distance(at).total_cmp(&rest[*b].distance(at)))
+            .unwrap();
+        let moved = simulator.positions().unwrap()[near] - rest[near];
+        assert!((moved.y - 0.02).abs() < 2e-3, "{name}: {moved}");
+        assert!(simulator.release(grab).unwrap() > 0);
+        assert!(simulator.release(grab).is_err());
+        let x = 0.101;
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap();
+        let mass: f64 = simulator.masses().iter().sum();
+        let ties = simulator.springs().len();
+        if name.starts_with("carried") {
+            assert!(simulator.cut(&blade).is_err());
+            continue;
+        }
+        let nodes = rest.len();
+        let change = simulator.cut(&blade).unwrap();
+        assert!(!change.is_empty(), "{name}");
+        let doubled = change.mesh.doubled.len();
+        assert_eq!(simulator.mesh().nodes.len(), nodes + doubled, "{name}");
+        assert_eq!(simulator.nodes().len(), nodes + doubled, "{name}");
+        assert_eq!(simulator.springs().len() > ties, doubled > 0, "{name}");
+        assert!((simulator.masses().iter().sum::<f64>() / mass - 1.0).abs() < 1e-9);
+        simulator.run(20, dt).unwrap();
+        // A second cut in the same place hits nothing.
+        let away = Blade::quad(corners.map(|[y, z]| DVec3::new(9.0, y, z))).unwrap();
+        assert!(simulator.cut(&away).unwrap().is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn failures_say_what_and_leave_the_last_good_state() {
+    for (name, mut simulator, dt) in all() {
+        hold(simulator.as_mut());
+        if simulator.largest_stable_step().is_none() {
+            continue;
+        }
+        simulator.run(3, dt).unwrap();
+        let told = simulator.run(4000, 40.0 * dt).unwrap_err();
+        let Error::Solver { advice, .. } = &told else {
+            panic!("{name}: {told}");
+        };
+        assert!(advice.contains("--dt"), "{name}: {told}");
+        let there = simulator.positions().unwrap();
+        assert!(there.iter().all(|p| p.is_finite()), "{name}");
+        // It goes on with a step that holds.
+        let rest = simulator.mesh().nodes.clone();
+        simulator.set_positions(&rest).unwrap();
+        simulator
+            .set_velocities(&vec![DVec3::ZERO; rest.len()])
+            .unwrap();
+        simulator.run(3, dt).unwrap();
+    }
+}
