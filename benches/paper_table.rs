@@ -1,19 +1,21 @@
 //! A table like the paper's (Tejada & Ertl 2005, table 1 and section 6), in Markdown: steps a
-//! second of every solver on the GPU and of its float64 twin, pictures a second of the surface
+//! second of every solver on the GPU and on the CPU, alternating, pictures a second of the surface
 //! and of the raycaster, and both coupled.
 //!
-//!     cargo bench --bench paper_table -- [--quick]
+//!     cargo bench --bench paper_table -- [--quick] [--steps]
 //!
 //! Bars of about the paper's numbers of tets; E = 30 kPa, implicit h = 0.01 s, explicit solvers
 //! at half their largest stable step (explicit Euler damped, so that it has one); the coupled
-//! rate is one implicit step and one picture of 512 × 512 pixels. Medians.
+//! rate is one implicit step and one picture of 512 × 512 pixels. Medians. `--quick` stops at the
+//! second size, `--steps` leaves the pictures out.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, Topology, depth_field, generate};
-use palpate::physics::plain::springs::Particles;
-use palpate::physics::plain::steppers;
-use palpate::physics::{Body, Material, Solver, SolverKind, SpringNetwork, largest_stable_step};
+use palpate::physics::{
+    Engine, EngineChoice, HeldEnd, Material, Simulator, SolverKind, SpringNetwork,
+    largest_stable_step,
+};
 use palpate::render::{
     Camera, Geometry, Mode, Raycaster, Shading, Surface, SurfaceColour, SurfaceTarget, Target,
     TransferFunction,
@@ -30,71 +32,67 @@ const STEPS: u32 = 8;
 const PIXELS: u32 = 512;
 
 fn main() -> anyhow::Result<()> {
-    let quick = std::env::args().any(|a| a == "--quick");
+    let given = |flag: &str| std::env::args().any(|a| a == flag);
     let gpu = Gpu::new()?;
     println!("{}\n", gpu.adapter_name());
-    println!(
-        "| tets | explicit | symplectic | Verlet | velocity Verlet | implicit (CG iterations) | CPU explicit | CPU implicit | Verlet + surface | raycast | implicit + raycast |"
-    );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
-    let sizes = if quick { &PAPER[..2] } else { &PAPER[..] };
+    let mut columns = vec!["tets".to_owned()];
+    for kind in SolverKind::ALL {
+        for engine in [Engine::Gpu, Engine::Cpu] {
+            columns.push(format!("{kind}, {engine}"));
+        }
+    }
+    if !given("--steps") {
+        columns.extend(["Verlet + surface", "raycast", "implicit + raycast"].map(String::from));
+    }
+    println!("| {} |", columns.join(" | "));
+    println!("|{}", " --- |".repeat(columns.len()));
+    let sizes = if given("--quick") {
+        &PAPER[..2]
+    } else {
+        &PAPER[..]
+    };
     for tets in sizes {
         let mesh = generate::bar_of_about(*tets, DVec3::new(0.3, 0.1, 0.1))?;
-        println!("| {} {}", mesh.tets.len(), row(&gpu, &mesh)?);
+        let mut cells = rates(&gpu, &mesh)?;
+        if !given("--steps") {
+            for (kind, surface) in [
+                (Some(SolverKind::Verlet), true),
+                (None, false),
+                (Some(SolverKind::Implicit), false),
+            ] {
+                cells.push(format!("{:.1}", pictures(&gpu, &mesh, kind, surface)?));
+            }
+        }
+        println!("| {} | {} |", mesh.tets.len(), cells.join(" | "));
     }
     Ok(())
 }
 
-fn row(gpu: &Gpu, mesh: &TetMesh) -> anyhow::Result<String> {
-    let mut cells = String::new();
+/// Steps a second of every solver on both engines; of implicit Euler the iterations too.
+fn rates(gpu: &Gpu, mesh: &TetMesh) -> anyhow::Result<Vec<String>> {
+    let mut cells = Vec::new();
     for kind in SolverKind::ALL {
-        let (mut body, mut solver, dt) = moving(gpu, mesh, kind)?;
-        let steps = if kind == SolverKind::Implicit {
-            1
-        } else {
-            STEPS
-        };
-        let mut iterations = 0;
-        let rate = rate(|| {
-            iterations = solver.run(&mut body, steps, dt)?.last.iterations;
-            Ok(())
-        })?;
-        let rate = rate * f64::from(steps);
-        cells += &match kind {
-            SolverKind::Implicit => format!("| {rate:.1} ({iterations}) "),
-            _ => format!("| {rate:.0} "),
-        };
+        for engine in [Engine::Gpu, Engine::Cpu] {
+            let (mut body, dt) = moving(gpu, mesh, kind, engine)?;
+            let implicit = kind == SolverKind::Implicit;
+            let steps = if implicit { 1 } else { STEPS };
+            let rate = f64::from(steps) * rate(|| body.run(steps, dt).map(|_| ()))?;
+            cells.push(match body.iterations()?.last() {
+                Some(iterations) => format!("{rate:.1} ({iterations})"),
+                None => format!("{rate:.0}"),
+            });
+        }
     }
-    for kind in [SolverKind::Explicit, SolverKind::Implicit] {
-        let (body, _, dt) = moving(gpu, mesh, kind)?;
-        let mut twin = twin(&body);
-        let rate = rate(|| {
-            match kind {
-                SolverKind::Implicit => {
-                    steppers::implicit_euler(&mut twin, dt, 1e-3);
-                }
-                _ => steppers::explicit_euler(&mut twin, dt),
-            }
-            Ok(())
-        })?;
-        cells += &format!("| {rate:.1} ");
-    }
-    for (kind, surface) in [
-        (Some(SolverKind::Verlet), true),
-        (None, false),
-        (Some(SolverKind::Implicit), false),
-    ] {
-        cells += &format!("| {:.1} ", pictures(gpu, mesh, kind, surface)?);
-    }
-    Ok(cells + "|")
+    Ok(cells)
 }
 
-/// The body, held at one end, with its solver and step.
+/// The body, held at one end, and its step.
 fn moving(
     gpu: &Gpu,
     mesh: &TetMesh,
     kind: SolverKind,
-) -> palpate::Result<(Body, Box<dyn Solver>, f64)> {
+    engine: Engine,
+) -> palpate::Result<(Box<dyn Simulator>, f64)> {
     let mut material = Material::young(3e4);
     if kind == SolverKind::Explicit {
         let network = SpringNetwork::new(mesh, &material)?;
@@ -102,18 +100,14 @@ fn moving(
             largest_stable_step(&network, &vec![false; mesh.nodes.len()], SolverKind::Verlet);
         material.damping_time = 0.5 * undamped.unwrap_or(0.0);
     }
-    let mut body = Body::new(gpu, mesh, &material)?;
-    body.hold_one_end(9.81);
-    let limit = largest_stable_step(body.network(), body.pinned(), kind);
-    let solver = kind.solver(gpu, &body)?;
-    Ok((body, solver, limit.map_or(0.01, |limit| 0.5 * limit)))
-}
-
-fn twin(body: &Body) -> Particles {
-    let mut twin = Particles::new(body.network().clone());
-    twin.pinned = body.pinned().to_vec();
-    twin.gravity = body.gravity();
-    twin
+    let choice = EngineChoice::This(engine);
+    let mut body = choice.tets(gpu, mesh.clone(), &material, kind)?;
+    let (rest, springs) = (&body.mesh().nodes, body.springs().into_iter());
+    let (end, _) = HeldEnd::of_pieces(rest, body.masses(), springs, DVec3::NEG_Z);
+    body.pin_nodes(&end.nodes)?;
+    body.loads_mut().set_gravity(9.81 * end.across());
+    let dt = body.largest_stable_step().map_or(0.01, |limit| 0.5 * limit);
+    Ok((body, dt))
 }
 
 /// Pictures a second: the surface or the inside, after a step or of a body that only moved.
@@ -123,7 +117,8 @@ fn pictures(
     kind: Option<SolverKind>,
     surface: bool,
 ) -> anyhow::Result<f64> {
-    let (mut body, mut solver, dt) = moving(gpu, mesh, kind.unwrap_or(SolverKind::Verlet))?;
+    let engine = EngineChoice::Auto.engine(gpu);
+    let (mut body, dt) = moving(gpu, mesh, kind.unwrap_or(SolverKind::Verlet), engine)?;
     let topology = Topology::new(mesh);
     let depth = depth_field(mesh, &topology).values;
     let (frame, positions) = (body.nodes().frame(), body.nodes().array().clone());
@@ -141,7 +136,7 @@ fn pictures(
     rate(|| {
         let mut work = gpu.record();
         if kind.is_some() {
-            solver.record(&mut work, &mut body, 1, dt)?;
+            body.record(&mut work, 1, dt)?;
         }
         if surface {
             let (colour, depth) = (&colour, &depth);

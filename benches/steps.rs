@@ -1,99 +1,124 @@
-//! Milliseconds a step of every solver, on the GPU and of its float64 twin on the CPU.
+//! Milliseconds a step of every solver on both engines, alternating: of the bar of the physics
+//! peers, of a limb, or of a mesh file.
 //!
-//!     cargo bench --bench steps -- [TETS …] [--solver NAME] [--dt S] [--no-twin]
+//!     cargo bench --bench steps -- [TETS … | limb:TETS | FILE …] [--solver NAME] [--dt S]
+//!                                  [--bone FACTOR] [--unit M] [--engine NAME]
 //!
-//! The body is the bar of the physics peers: 0.8 × 0.2 × 0.2 m, 1000 kg/m³, E = 1 MPa, one end
-//! held, gravity across, 0.01 s a step; explicit solvers take half their largest stable step.
+//! The bar is 0.8 × 0.2 × 0.2 m, 1000 kg/m³, E = 1 MPa; limb and files are of 30 kPa, the bones of
+//! a limb FACTOR times as stiff (1,000 where nothing is said). One end held, gravity across,
+//! 0.01 s a step; explicit solvers take half their largest stable step. Linear solves go to 10⁻³.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
-use palpate::mesh::generate;
-use palpate::physics::plain::springs::Particles;
-use palpate::physics::plain::steppers;
-use palpate::physics::{Body, Material, SolverKind, SpringNetwork, largest_stable_step};
+use palpate::mesh::{TetMesh, generate};
+use palpate::physics::{
+    Engine, EngineChoice, HeldEnd, Material, RegionMaterial, Simulator, SolverKind,
+};
 use std::time::{Duration, Instant};
 
 fn main() -> palpate::Result<()> {
-    let mut sizes = Vec::new();
+    let mut bodies = Vec::new();
     let mut kinds = SolverKind::ALL.to_vec();
-    let (mut twin, mut dt) = (true, 0.01);
-    let mut arguments = std::env::args().skip(1);
+    let mut engines = vec![Engine::Gpu, Engine::Cpu];
+    let (mut dt, mut bone, mut unit) = (0.01, 1000.0, 1.0);
+    let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
+        let mut number = |default: f64| {
+            let next = arguments.next();
+            next.and_then(|s| s.parse().ok()).unwrap_or(default)
+        };
         match argument.as_str() {
-            "--no-twin" => twin = false,
+            "--dt" => dt = number(dt),
+            "--bone" => bone = number(bone),
+            "--unit" => unit = number(unit),
             "--solver" => kinds = vec![arguments.next().unwrap_or_default().parse()?],
-            "--dt" => dt = arguments.next().and_then(|s| s.parse().ok()).unwrap_or(dt),
-            size => sizes.extend(size.parse::<usize>()),
+            "--engine" => match arguments.next().unwrap_or_default().parse()? {
+                EngineChoice::This(engine) => engines = vec![engine],
+                EngineChoice::Auto => {}
+            },
+            body => bodies.push(body.to_owned()),
         }
     }
-    if sizes.is_empty() {
-        sizes = vec![80, 4_320, 34_560];
+    if bodies.is_empty() {
+        bodies = ["80", "4320", "34560"].map(String::from).to_vec();
     }
     let gpu = Gpu::new()?;
     println!("{}", gpu.adapter_name());
-    println!("   tets   nodes  solver             dt s    GPU ms   CPU ms  iterations");
-    for size in sizes {
-        let mesh = generate::bar_of_about(size, DVec3::new(0.8, 0.2, 0.2))?;
+    println!("   tets   nodes  solver           engine      dt s   ms a step  iterations");
+    for body in &bodies {
+        let (mesh, material) = named(body, bone, unit)?;
         for &kind in &kinds {
-            let material = Material::young(1e6);
-            let mut body = Body::new(&gpu, &mesh, &material)?;
-            body.pin(|p| p.x < 1e-6);
-            body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
-            let stable = largest_stable_step(body.network(), body.pinned(), kind);
-            // Explicit Euler, never stable, gets a few steps before that shows.
-            let h = match stable {
-                None => dt,
-                Some(0.0) => 1e-7,
-                Some(step) => 0.5 * step,
-            };
-            let mut solver = kind.solver(&gpu, &body)?;
-            solver.run(&mut body, 4, h)?;
-            let (gpu_ms, iterations) = {
-                let steps = repeat(|| solver.run(&mut body, 8, h).map(|_| ()))?;
-                let history = solver.history(&body)?;
-                let sum: u32 = history.iter().map(|s| s.iterations).sum();
-                (steps / 8.0, f64::from(sum) / history.len() as f64)
-            };
-            let mut p = Particles::new(SpringNetwork::new(&mesh, &material)?);
-            p.pinned = body.pinned().to_vec();
-            p.gravity = body.gravity();
-            let mut verlet = steppers::Verlet::default();
-            let mut velocity_verlet = steppers::VelocityVerlet::default();
-            let cpu_ms = match twin {
-                false => f64::NAN,
-                true => repeat(|| {
-                    match kind {
-                        SolverKind::Explicit => steppers::explicit_euler(&mut p, h),
-                        SolverKind::Symplectic => steppers::symplectic_euler(&mut p, h),
-                        SolverKind::Verlet => verlet.step(&mut p, h),
-                        SolverKind::VelocityVerlet => velocity_verlet.step(&mut p, h),
-                        SolverKind::Implicit => {
-                            steppers::implicit_euler(&mut p, h, 1e-4);
-                        }
-                    }
-                    Ok(())
-                })?,
-            };
-            println!(
-                "{:>7} {:>7}  {:<15} {h:>8.1e} {gpu_ms:>9.3} {cpu_ms:>8.3}  {iterations:>6.1}",
-                mesh.tets.len(),
-                mesh.nodes.len(),
-                kind.name()
-            );
+            for &engine in &engines {
+                let choice = EngineChoice::This(engine);
+                let mut body = choice.tets(&gpu, mesh.clone(), &material, kind)?;
+                let (rest, springs) = (&body.mesh().nodes, body.springs().into_iter());
+                let (end, _) = HeldEnd::of_pieces(rest, body.masses(), springs, DVec3::NEG_Z);
+                body.pin_nodes(&end.nodes)?;
+                body.loads_mut().set_gravity(9.81 * end.across());
+                // Explicit Euler, never stable, gets a few steps before that shows.
+                let h = match body.largest_stable_step() {
+                    None => dt,
+                    Some(0.0) => 1e-7,
+                    Some(step) => 0.5 * step,
+                };
+                let (ms, iterations) = timed(body.as_mut(), h)?;
+                println!(
+                    "{:>7} {:>7}  {:<15}  {engine:<6} {h:>9.1e} {ms:>11.3}  {iterations:>10.1}",
+                    mesh.tets.len(),
+                    mesh.nodes.len(),
+                    kind.name()
+                );
+            }
         }
     }
     Ok(())
 }
 
-/// Median milliseconds of `work`, over about a second.
-fn repeat(mut work: impl FnMut() -> palpate::Result<()>) -> palpate::Result<f64> {
-    let mut times = Vec::new();
-    let begin = Instant::now();
-    while times.len() < 3 || begin.elapsed() < Duration::from_secs(1) {
+/// The mesh and material by that name.
+fn named(body: &str, bone: f64, unit: f64) -> palpate::Result<(TetMesh, Material)> {
+    if let Ok(tets) = body.parse() {
+        let mesh = generate::bar_of_about(tets, DVec3::new(0.8, 0.2, 0.2))?;
+        return Ok((mesh, Material::young(1e6)));
+    }
+    if let Some(tets) = body.strip_prefix("limb:").and_then(|n| n.parse().ok()) {
+        let hard = generate::TISSUES
+            .iter()
+            .filter(|t| t.name.ends_with("bone"));
+        let stiff = RegionMaterial {
+            stiffness: bone * 3e4,
+            density: 1800.0,
+        };
+        let material = Material {
+            region_field: Some("label".into()),
+            regions: hard.map(|t| (i64::from(t.label), stiff)).collect(),
+            ..Material::young(3e4)
+        };
+        return Ok((generate::limb(tets)?, material));
+    }
+    let mesh = palpate::io::read(body)?;
+    let material = Material {
+        length_unit: mesh.length_unit.unwrap_or(unit),
+        ..Material::young(3e4)
+    };
+    Ok((mesh, material))
+}
+
+/// Median milliseconds a step over about two seconds, and iterations a step.
+fn timed(body: &mut dyn Simulator, h: f64) -> palpate::Result<(f64, f64)> {
+    let steps = match body.integrator() {
+        SolverKind::Implicit => 1,
+        _ => 8,
+    };
+    body.run(2 * steps, h)?;
+    let (mut times, begin) = (Vec::new(), Instant::now());
+    while times.len() < 5 || begin.elapsed() < Duration::from_secs(2) {
         let start = Instant::now();
-        work()?;
-        times.push(start.elapsed().as_secs_f64() * 1e3);
+        body.run(steps, h)?;
+        times.push(start.elapsed().as_secs_f64() * 1e3 / f64::from(steps));
     }
     times.sort_by(f64::total_cmp);
-    Ok(times[times.len() / 2])
+    let iterations = body.iterations()?;
+    let sum: u32 = iterations.iter().sum();
+    let mean = f64::from(sum) / iterations.len().max(1) as f64;
+    Ok((times[times.len() / 2], mean))
 }

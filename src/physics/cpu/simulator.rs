@@ -22,7 +22,6 @@ use std::sync::Arc;
 /// A body of tets on threads of the processor, in numbers of type `T`: f32 for speed, f64 for
 /// truth. Steps are done on a thread of its own; what is drawn is uploaded once a picture.
 pub struct CpuTets<T: Real = f32> {
-    gpu: Gpu,
     mesh: TetMesh,
     topology: Topology,
     material: Material,
@@ -93,7 +92,6 @@ impl<T: Real> CpuTets<T> {
         let body = CpuBody::new(&network, kind, settings)?;
         let nodes = Nodes::new(gpu, &mesh)?;
         Ok(CpuTets {
-            gpu: gpu.clone(),
             topology: Topology::new(&mesh),
             material: material.clone(),
             loads: Loads::new(mesh.nodes.len(), nodes.frame(), network.length_unit),
@@ -188,6 +186,24 @@ impl<T: Real> CpuTets<T> {
         velocities.iter().map(|v| *v * unit).collect()
     }
 
+    /// Uploads the positions that were put out last, if they are new.
+    fn upload(&mut self) -> Result<()> {
+        let Some((version, positions)) = self.worker.published(self.shown) else {
+            return Ok(());
+        };
+        self.shown = version;
+        let unit = self.network.length_unit;
+        let origin = self.network.frame.origin;
+        let places: Vec<DVec3> = positions.iter().map(|x| origin + *x / unit).collect();
+        self.nodes.set_positions(&places)
+    }
+
+    /// Uploads the positions of now.
+    fn show(&mut self) -> Result<()> {
+        self.worker.publish();
+        self.upload()
+    }
+
     /// Makes the body anew of what the network is now, in the state that it is in.
     fn remake(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         let mut body = CpuBody::new(&self.network, self.kind, self.settings)?;
@@ -200,8 +216,7 @@ impl<T: Real> CpuTets<T> {
         *self.worker.body() = body;
         self.sent = None;
         self.changes += 1;
-        self.worker.publish();
-        Ok(())
+        self.show()
     }
 }
 
@@ -296,14 +311,7 @@ impl<T: Real> Simulator for CpuTets<T> {
     }
 
     fn publish(&mut self, _: &mut Recorder) -> Result<()> {
-        let Some((version, positions)) = self.worker.published(self.shown) else {
-            return Ok(());
-        };
-        self.shown = version;
-        let unit = self.network.length_unit;
-        let origin = self.network.frame.origin;
-        let places: Vec<DVec3> = positions.iter().map(|x| origin + *x / unit).collect();
-        self.nodes.set_positions(&places)
+        self.upload()
     }
 
     fn nodes(&self) -> &Nodes {
@@ -328,9 +336,8 @@ impl<T: Real> Simulator for CpuTets<T> {
             let velocities = body.velocities();
             body.set_state(&metres, &velocities)?;
         }
-        self.worker.publish();
         self.changes += 1;
-        Ok(())
+        self.show()
     }
 
     fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
@@ -372,8 +379,6 @@ impl<T: Real> Simulator for CpuTets<T> {
         let blank = vec![[0.0; 4]; done.doubled.len()];
         self.nodes.extend(&blank)?;
         self.remake(&positions, &velocities)?;
-        let mut work = self.gpu.record();
-        self.publish(&mut work)?;
         Ok(TopologyChange {
             mesh: done,
             springs: 0,
@@ -433,8 +438,7 @@ impl<T: Real> Simulator for CpuTets<T> {
         self.changes = state.changes;
         self.progress = state.progress;
         self.worker.set_progress(state.progress);
-        self.worker.publish();
-        Ok(())
+        self.show()
     }
 
     fn pose(&self) -> Result<Pose> {
@@ -447,7 +451,6 @@ impl<T: Real> Simulator for CpuTets<T> {
 
     fn set_pose(&mut self, pose: &Pose) -> Result<()> {
         self.worker.body().set_displacements(&pose.exact)?;
-        self.worker.publish();
-        Ok(())
+        self.show()
     }
 }

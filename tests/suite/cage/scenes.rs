@@ -4,7 +4,7 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::Blade;
 use palpate::physics::Grip;
-use palpate::physics::Simulator;
+use palpate::physics::{Engine, EngineChoice, Simulator};
 use palpate::scene::{Scene, Stage};
 
 /// A small limb with two materials, held and pulled, and `more` of a scene.
@@ -18,8 +18,11 @@ fn limb(more: &str) -> String {
     )
 }
 
+/// Stepped by passes, which these tests count.
 fn stage(gpu: &Gpu, text: &str) -> Stage {
-    Stage::new(gpu, &Scene::parse(text).unwrap()).unwrap()
+    let mut scene = Scene::parse(text).unwrap();
+    scene.solver.engine = Some(EngineChoice::This(Engine::Gpu));
+    Stage::new(gpu, &scene).unwrap()
 }
 
 /// How far the nodes of the mesh are from where they rested.

@@ -30,7 +30,8 @@ fn a_ball_comes_to_rest_on_a_floor() {
         let (ball, floor) = dropped(kind, true);
         let positions = ball.positions().unwrap();
         let lowest = positions.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-        assert!((-0.0605..-0.0595).contains(&lowest), "{kind}: {lowest}");
+        // The few nodes that bear it sink in by some millimetres, by g/ω² times what lies on each.
+        assert!((-0.068..-0.06).contains(&lowest), "{kind}: {lowest}");
         // What the floor bears is the weight.
         let (frame, unit) = ball.loads().frame_and_unit();
         let nodes = positions.iter().zip(ball.masses());

@@ -134,7 +134,7 @@ fn all_bend_by_the_same_weight_to_the_same_shape() {
     assert!((single / double - 1.0).abs() < 2e-3, "{single} {double}");
     let (gpu, cpu) = (of("carried by gpu"), of("carried by cpu"));
     assert!((gpu / cpu - 1.0).abs() < 2e-3, "{gpu} {cpu}");
-    assert!((0.002..0.05).contains(&of("gpu grid")));
+    assert!((0.06..0.1).contains(&of("gpu grid")));
 }
 
 #[test]
@@ -220,7 +220,13 @@ fn grabs_hold_and_cuts_part() {
             .min_by(|a, b| rest[*a].distance(at).total_cmp(&rest[*b].distance(at)))
             .unwrap();
         let moved = simulator.positions().unwrap()[near] - rest[near];
-        assert!((moved.y - 0.02).abs() < 2e-3, "{name}: {moved}");
+        // A mesh in a cage follows the nodes of the cage that were grabbed.
+        let near = if name.starts_with("carried") {
+            8e-3
+        } else {
+            1e-6
+        };
+        assert!((moved.y - 0.02).abs() < near, "{name}: {moved}");
         assert!(simulator.release(grab).unwrap() > 0);
         assert!(simulator.release(grab).is_err());
         let x = 0.101;
