@@ -188,19 +188,9 @@ impl<T: Real> CpuBody<T> {
         &self.plan
     }
 
-    /// The local units of what terms work with.
-    pub fn units(&self) -> Units {
-        self.units
-    }
-
-    /// The network's number of the engine's k-th node.
-    pub fn order(&self) -> &[u32] {
-        &self.order
-    }
-
-    /// Rest positions in the engine's order, local units.
-    pub fn rest_local(&self) -> &[V4<T>] {
-        &self.rest_local
+    /// What a term is made for: the order of the nodes, the units, how they are shared out.
+    pub fn sharing(&self) -> (&[u32], Units, &Plan) {
+        (&self.order, self.units, &self.plan)
     }
 
     /// Adds a term, made for the plan, order and units of this body. Schemes begin afresh.
@@ -224,21 +214,11 @@ impl<T: Real> CpuBody<T> {
         Ok(())
     }
 
-    /// Which nodes are pinned.
-    pub fn pinned(&self) -> &[bool] {
-        &self.pinned
-    }
-
     /// Sets gravity, m/s².
     pub fn set_gravity(&mut self, gravity: DVec3) {
         self.gravity = gravity;
         self.loads.set_gravity(gravity, &self.units);
         self.changed(Start::Resume);
-    }
-
-    /// Gravity, m/s².
-    pub fn gravity(&self) -> DVec3 {
-        self.gravity
     }
 
     /// Sets the external force on every node, N.
@@ -309,47 +289,6 @@ impl<T: Real> CpuBody<T> {
 
     pub(super) fn changed(&mut self, start: Start) {
         self.start = self.start.max(start);
-    }
-
-    /// Follows a cut, or any other change of the network: `network` begins with the nodes that the
-    /// body has, and has the doubled ones after them. Nodes keep their places, velocities, pins and
-    /// forces; `doubled` says of every node that is new which one it stands, moves and is held as.
-    /// Terms other than the springs have to be added anew, and attachments to new nodes set.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a network that is no such change, or that makes no sense.
-    pub fn follow(&mut self, network: &SpringNetwork, doubled: &[u32]) -> Result<()> {
-        let before = self.node_count();
-        if network.rest.len() != before + doubled.len()
-            || doubled.iter().any(|v| *v as usize >= before)
-        {
-            return Err(Error::Input(format!(
-                "a body of {before} nodes cannot follow a cut that doubled {} of them to a network of {}",
-                doubled.len(),
-                network.rest.len()
-            )));
-        }
-        let settings = self
-            .implicit
-            .as_ref()
-            .map_or(ConjugateGradients::default(), |i| i.settings);
-        let mut body = CpuBody::new(network, self.kind, settings)?;
-        fn doubling<A: Copy>(mut list: Vec<A>, doubled: &[u32]) -> Vec<A> {
-            let new: Vec<A> = doubled.iter().map(|v| list[*v as usize]).collect();
-            list.extend(new);
-            list
-        }
-        body.set_pinned(&doubling(self.pinned.clone(), doubled))?;
-        body.set_gravity(self.gravity);
-        body.set_forces(&doubling(self.external.clone(), doubled))?;
-        let positions = doubling(self.positions(), doubled);
-        let velocities = doubling(self.velocities(), doubled);
-        let attachments = std::mem::take(&mut self.attachments);
-        body.set_state(&positions, &velocities)?;
-        body.set_attachments(&attachments)?;
-        body.steps = self.steps;
-        *self = body;
-        Ok(())
     }
 
     /// Positions, m from the frame's origin.

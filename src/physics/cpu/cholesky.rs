@@ -112,11 +112,6 @@ impl<T: Real> Cholesky<T> {
         }
     }
 
-    /// Blocks of the factor.
-    pub fn blocks(&self) -> usize {
-        self.rows.len()
-    }
-
     /// Begins a matrix: all zero.
     pub fn clear(&mut self) {
         self.work.fill([[0.0; N]; N]);

@@ -2,7 +2,7 @@
 //!
 //! Block Jacobi takes what is rough out of an error in a few iterations and the smooth rest in
 //! hundreds; stiff parts in soft ones are worse still. Rigid motions of groups of some 40 nodes
-//! (Galerkin, added to block Jacobi) catch that rest: see `docs` on what was measured.
+//! (Galerkin, added to block Jacobi) catch that rest.
 
 use super::cholesky::{Block, Cholesky, V8};
 use super::pool::Plan;
@@ -55,11 +55,6 @@ impl<T: Real> Coarse<T> {
             group,
             ready: false,
         }
-    }
-
-    /// Blocks of the factor: what a solve costs.
-    pub fn blocks(&self) -> usize {
-        self.factor.blocks()
     }
 
     /// Whether there is a factor to solve with.

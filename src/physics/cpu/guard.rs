@@ -29,6 +29,8 @@ pub enum Failure {
         /// What it was given since, J.
         work: f64,
     },
+    /// Particles of a grid flew farther apart than any load would take them.
+    FlewApart,
     /// Conjugate gradients ended above the residual that is acceptable.
     NotConverged {
         /// Iterations there were.
@@ -52,6 +54,7 @@ impl fmt::Display for Failure {
                 f,
                 "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({baseline:.3e} J) and was given since ({work:.3e} J)"
             ),
+            Failure::FlewApart => f.write_str("particles flew apart"),
             Failure::NotConverged {
                 iterations,
                 residual,

@@ -1,5 +1,5 @@
 //! Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), then
-//! v' = v + Δv and x' = x + h v'. The twin of `reference::steppers::implicit_euler`.
+//! v' = v + Δv and x' = x + h v'. The twin of `plain::steppers::implicit_euler`.
 
 use super::cg::{Matrix, Outcome, Solver, Stop};
 use super::coarse::Coarse;

@@ -19,6 +19,8 @@ mod state;
 mod step;
 mod sum;
 mod terms;
+#[cfg(test)]
+mod tests;
 mod vectors;
 mod worker;
 

@@ -1,6 +1,5 @@
 //! A term that acts on each node by itself, on the CPU.
 
-use super::body::CpuBody;
 use super::pool::Plan;
 use super::real::Real;
 use super::terms::{At, Share, Term};
@@ -22,13 +21,16 @@ pub(super) struct NodeTerms<T> {
 }
 
 impl<T: Real> NodeTerms<T> {
-    pub fn new(term: Arc<dyn NodeTerm>, body: &CpuBody<T>, network: &SpringNetwork) -> Self {
-        let order = body.order();
+    /// `term` on the nodes of `network`, in `order` and shared out by `plan`.
+    pub fn new(
+        term: Arc<dyn NodeTerm>,
+        network: &SpringNetwork,
+        (order, units, plan): (&[u32], Units, &Plan),
+    ) -> Self {
         let of = |v: &u32| *v as usize;
-        let plan = body.plan();
         NodeTerms {
             term,
-            units: body.units(),
+            units,
             first: (0..plan.chunks()).map(|c| plan.range(c).start).collect(),
             rest: order.iter().map(|v| network.rest[of(v)]).collect(),
             masses: order.iter().map(|v| network.masses[of(v)]).collect(),

@@ -39,6 +39,8 @@ pub trait Real:
 
     /// The nearest number to `x`.
     fn of(x: f64) -> Self;
+    /// 0 or 1.
+    fn of_bit(bit: u32) -> Self;
     /// The same number as f64.
     fn wide(self) -> f64;
     /// The square root.
@@ -62,6 +64,11 @@ macro_rules! real {
             #[inline(always)]
             fn of(x: f64) -> Self {
                 x as $real
+            }
+            #[inline(always)]
+            fn of_bit(bit: u32) -> Self {
+                // Signed: of that SSE2 has a conversion.
+                bit as i32 as $real
             }
             #[inline(always)]
             fn wide(self) -> f64 {

@@ -208,7 +208,7 @@ impl<T: Real> CpuTets<T> {
     fn remake(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         let mut body = CpuBody::new(&self.network, self.kind, self.settings)?;
         for term in &self.terms {
-            let term = NodeTerms::new(term.clone(), &body, &self.network);
+            let term = NodeTerms::new(term.clone(), &self.network, body.sharing());
             body.add_term(Box::new(term));
         }
         body.set_pinned(self.loads.pinned())?;
@@ -260,7 +260,7 @@ impl<T: Real> Simulator for CpuTets<T> {
 
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         let mut body = self.worker.body();
-        let own = NodeTerms::new(term.clone(), &body, &self.network);
+        let own = NodeTerms::new(term.clone(), &self.network, body.sharing());
         body.add_term(Box::new(own));
         self.terms.push(term);
         self.changes += 1;

@@ -1,5 +1,5 @@
 //! Springs along edges, with damping: equations 1 to 5 of Tejada & Ertl 2005. The twin of
-//! `shaders/physics/spring_forces.wgsl` and `reference::springs`.
+//! `shaders/physics/forces.wgsl` and `plain::springs`.
 //!
 //! A spring from i to j with the rest vector D = x⁰_j − x⁰_i and e = u_j − u_i, the difference of
 //! its ends' displacements, has d = D + e and the stretch
@@ -118,7 +118,11 @@ impl<T: Real> Springs<T> {
         };
         let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
             let first = plan.range(c).start as u32;
-            let list = |springs, base| List::new(springs, |s, block| fill(s, [first, base], block));
+            let list = |springs, base| {
+                List::new(springs, first - base, |s, block| {
+                    fill(s, [first, base], block)
+                })
+            };
             Chunk {
                 nodes: plan.range(c),
                 inner: list(inner, first),
@@ -139,6 +143,8 @@ impl<T: Real> Springs<T> {
 impl<T: Real> List<T> {
     fn new(
         mut springs: Vec<(u32, u32, u32)>,
+        // What the chunk's first node is called as j.
+        same: u32,
         fill: impl Fn((u32, u32, u32), &mut Block<T>),
     ) -> List<T> {
         springs.sort_unstable();
@@ -158,7 +164,7 @@ impl<T: Real> List<T> {
             ranked.sort_unstable();
             let mut block = Block {
                 i: [0; B],
-                j: [0; B],
+                j: [same; B],
                 rest: [[T::ONE; B], [T::ZERO; B], [T::ZERO; B]],
                 length: [T::ONE; B],
                 excess: [T::ZERO; B],

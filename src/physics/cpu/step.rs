@@ -11,17 +11,8 @@ use super::terms::At;
 use crate::physics::{SolverKind, StepRecord};
 
 impl<T: Real> CpuBody<T> {
-    /// Takes one step of `h` seconds. Returns what is noted of it: energies in J, of implicit
-    /// Euler the iterations and the relative residual.
-    ///
-    /// # Errors
-    /// Why the step is refused; the body stands as it stood before it.
-    pub fn step(&mut self, h: f64) -> Result<StepRecord, Failure> {
-        self.run(1, h)
-    }
-
-    /// Takes `steps` steps of `h` seconds; returns what is noted of the last. Faster than as many
-    /// calls of [`CpuBody::step`], for threads are woken once.
+    /// Takes `steps` steps of `h` seconds. Returns what is noted of the last: energies in J, of
+    /// implicit Euler the iterations and the relative residual. Threads are woken once for all.
     ///
     /// # Errors
     /// Why a step was refused; the body stands as it stood before that one. How many were taken

@@ -30,12 +30,6 @@ pub fn sub<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]]
 }
 
-/// Lane by lane a b.
-#[inline(always)]
-pub fn mul<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
-    [a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]]
-}
-
 /// s a.
 #[inline(always)]
 pub fn scale<T: Real>(s: T, a: V4<T>) -> V4<T> {
