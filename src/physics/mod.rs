@@ -45,7 +45,7 @@ mod velocity_verlet;
 mod verlet;
 
 pub use body::Body;
-pub use cpu::{CpuState, CpuTets, Real};
+pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Real};
 pub use engine::{Engine, EngineChoice};
 pub use gpu_tets::{GpuTets, TetState};
 pub use grab::{GrabId, Grip};

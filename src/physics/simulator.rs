@@ -1,8 +1,8 @@
 //! What everything that moves a body can do, whatever it is made of and whatever steps it.
 
 use super::{
-    ConjugateGradients, CpuState, Engine, GrabId, GridState, Grip, Loads, NodeTerm, Nodes,
-    Progress, Report, SolverKind, SpringNetwork, TetState,
+    ConjugateGradients, CpuGridState, CpuState, Engine, GrabId, GridState, Grip, Loads, NodeTerm,
+    Nodes, Progress, Report, SolverKind, SpringNetwork, TetState,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -294,4 +294,6 @@ pub enum SimulatorState {
     Grid(Box<GridState>),
     /// Of a body of tets on the CPU.
     Cpu(Box<CpuState>),
+    /// Of a grid body on the CPU.
+    CpuGrid(Box<CpuGridState>),
 }

@@ -5,7 +5,6 @@ use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::grid::{GpuGrid, GridBody};
 use crate::physics::{Material, Simulator, SolverKind, SpringNetwork};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -109,10 +108,7 @@ impl Scene {
         let mut inner: Box<dyn Simulator> = match cage.grid.take() {
             Some(mut model) => {
                 model.damping = entry.damping.unwrap_or(model.damping);
-                let rate = model.damping;
-                let mut body = GridBody::new(gpu, model)?;
-                body.set_damping(rate)?;
-                Box::new(GpuGrid::new(gpu, body, cage.mesh.clone()))
+                self.grid_of(gpu, cage.mesh.clone(), model)?
             }
             None => {
                 let mut network = cage.network.clone();

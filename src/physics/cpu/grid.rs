@@ -1,380 +1,373 @@
-//! Grid bodies on the CPU: Verlet on particles with 18 implicit neighbours (Mosegaard, Herborg &
-//! Sørensen 2005). The twin of `shaders/physics/grid_verlet.wgsl` and `physics::grid::plain`.
+//! A grid body as a simulator, stepped on the CPU.
 
-use super::grid_forces::{Axes, Kind, Run, Slab};
-use super::loads::{Attachment, check_attachments};
-use super::pool::Plan;
+use super::guard::Failure;
+use super::particles::Particles;
 use super::real::Real;
-use crate::physics::grid::{GridModel, STEPS};
-use crate::{Error, Result};
+use super::sending::{attachments, send_loads};
+use super::worker::{Errand, Refusal, Worker};
+use crate::gpu::{Array, Gpu, Recorder, Texel};
+use crate::mesh::{Blade, NO_NORMAL, TetMesh, Topology, pack_normal};
+use crate::physics::grid::{GridModel, drop_tets};
+use crate::physics::loads::{LoadVersions, LoadsState};
+use crate::physics::{
+    ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
+    SimulatorState, SolverKind, TopologyChange,
+};
+use crate::{Error, FailureCause, Result};
 use glam::DVec3;
-use std::ops::Range;
+use serde::{Deserialize, Serialize};
 
-/// Particles below which a second thread costs more than it gives.
-const PARTICLES_A_THREAD: usize = 1500;
-
-/// So many particles that the body has not may be a part of a run.
-const GAP: usize = 16;
-
-/// Particles in a run of springs at most: its forces stay in the first cache.
-const LONGEST: usize = 512;
-
-/// A grid body stepped on the CPU in numbers of type `T`.
-///
-/// Particles go in and out by their numbers in the grid, those that the body has not included, in
-/// SI units, positions in metres from the origin of the model's frame. Kept are displacements from
-/// the rest positions in units of the body's size, so that f32 has its digits where they matter.
-#[derive(Clone, Debug)]
-pub struct CpuGrid<T: Real> {
-    pub(super) rest: Vec<DVec3>,
-    pub(super) length: f64,
-    pub(super) mean_mass: f64,
-    pub(super) masses: Vec<f64>,
-    pub(super) damping: f64,
-    pub(super) gravity: DVec3,
-    pub(super) kinds: [Kind<T>; 9],
-    pub(super) stiffness: [f64; 9],
-    pub(super) springs: Vec<u32>,
-    pub(super) factors: Vec<T>,
-    /// Mean mass over mass; 0 for particles that stay.
-    pub(super) inverse: Vec<T>,
-    pub(super) forces: Option<Axes<T>>,
-    pub(super) external: Vec<DVec3>,
-    pub(super) pinned: Vec<bool>,
-    pub(super) attachments: Vec<Attachment>,
-    pub(super) plan: Plan,
-    pub(super) slabs: Vec<Slab<T>>,
-    pub(super) before: Axes<T>,
-    pub(super) now: Axes<T>,
-    pub(super) next: Axes<T>,
-    pub(super) velocities: Vec<DVec3>,
-    /// Length of the last step, s; none at first.
-    pub(super) lag: Option<f64>,
-    pub(super) steps: u64,
+/// A grid body on threads of the processor, in numbers of type `T`.
+pub struct CpuGrid<T: Real = f32> {
+    gpu: Gpu,
+    mesh: TetMesh,
+    topology: Topology,
+    model: GridModel,
+    loads: Loads,
+    /// The loads that the worker has.
+    sent: Option<LoadVersions>,
+    worker: Worker<Particles<T>>,
+    nodes: Nodes,
+    /// The positions that were uploaded.
+    shown: u64,
+    /// The packed normals of the particles, once somebody asked for them.
+    normals: Option<Array>,
+    /// Counts changes of state and shape from outside.
+    changes: u64,
+    progress: Progress,
 }
 
-/// The parts of a run of particles of which the springs of a kind, that lead `offset` on, begin or
-/// end in the slab of the particles `mine`.
-fn within(run: &Range<usize>, kind: usize, offset: isize, mine: &Range<usize>, out: &mut Vec<Run>) {
-    let mut ends = [mine.start, mine.end, run.end, run.end].map(|e| e as isize);
-    ends[2] = mine.start as isize - offset;
-    ends[3] = mine.end as isize - offset;
-    ends.sort_unstable();
-    let mut from = run.start;
-    for end in ends.into_iter().chain([run.end as isize]) {
-        let end = end.clamp(from as isize, run.end as isize) as usize;
-        let own = [from, from.wrapping_add_signed(offset)].map(|i| mine.contains(&i));
-        if end > from && own != [false, false] {
-            for first in (from..end).step_by(LONGEST) {
-                out.push(Run {
-                    first,
-                    count: LONGEST.min(end - first),
-                    kind,
-                    own,
-                });
-            }
-        }
-        from = end;
-    }
-}
-
-/// What [`CpuGrid::state`] gives.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CpuGridState<T> {
-    /// Displacements now and a step before.
-    pub u: [Axes<T>; 2],
-    /// Velocities to begin with, m/s; of use before the first step only.
-    pub velocities: Vec<DVec3>,
-    /// Length of the last step, s.
-    pub lag: Option<f64>,
-    /// Steps taken.
-    pub steps: u64,
+/// The state of a [`CpuGrid`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CpuGridState {
+    /// The particles' own, packed: its numbers are those of the type that they are computed in.
+    particles: Vec<u8>,
+    loads: LoadsState,
+    sent: Option<LoadVersions>,
+    changes: u64,
+    progress: Progress,
 }
 
 impl<T: Real> CpuGrid<T> {
-    /// The body of `model`, at rest; nothing pinned, no gravity.
-    pub fn new(model: &GridModel) -> CpuGrid<T> {
-        let bodies = model.masses.iter().filter(|m| **m > 0.0).count();
-        let threads = rayon::current_num_threads();
-        CpuGrid::with_slabs(model, threads.min(bodies / PARTICLES_A_THREAD))
+    /// The body of `model`, at rest; the mesh over its full cells may have fields and names in
+    /// `mesh`. `gpu` is what it is drawn on.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when its nodes do not fit the device.
+    pub fn new(gpu: &Gpu, model: GridModel, mesh: TetMesh) -> Result<CpuGrid<T>> {
+        let nodes = Nodes::new(gpu, &mesh)?;
+        Ok(CpuGrid {
+            gpu: gpu.clone(),
+            topology: Topology::new(&mesh),
+            loads: Loads::new(mesh.nodes.len(), model.frame, model.length_unit),
+            worker: Worker::new(Particles::new(&model)),
+            mesh,
+            model,
+            sent: None,
+            nodes,
+            shown: 0,
+            normals: None,
+            changes: 0,
+            progress: Progress::default(),
+        })
     }
 
-    /// As [`CpuGrid::new`], its rows shared out in that many slabs, or fewer.
-    pub fn with_slabs(model: &GridModel, slabs: usize) -> CpuGrid<T> {
-        let twin = model.twin();
-        let count = twin.x.len();
-        let length = model.frame.scale * model.length_unit;
-        let bodies = model.masses.iter().filter(|m| **m > 0.0);
-        let (sum, bodies) = bodies.fold((0.0, 0.0), |(s, n), m| (s + m, n + 1.0));
-        let mean_mass = if bodies > 0.0 { sum / bodies } else { 1.0 };
-        let shape = &model.shape;
-        let kinds = std::array::from_fn(|k| {
-            let step = DVec3::from(STEPS[k].map(|n| n as f64));
-            let rest = shape.axes * (shape.spacing * step) * model.length_unit / length;
-            Kind {
-                offset: twin.offsets[k] as isize,
-                rest: rest.to_array().map(T::of),
-                length: T::of(twin.lengths[k] / length),
-                stiffness: T::ONE,
-            }
-        });
-        let zeros = || std::array::from_fn(|_| vec![T::ZERO; count]);
-        let mut body = CpuGrid {
-            rest: twin.x,
-            length,
-            mean_mass,
-            masses: model.masses.clone(),
-            damping: model.damping,
-            gravity: DVec3::ZERO,
-            kinds,
-            stiffness: twin.stiffness,
-            springs: twin.springs,
-            factors: twin.factors.iter().map(|f| T::of(*f)).collect(),
-            inverse: vec![T::ZERO; count],
-            forces: None,
-            external: vec![DVec3::ZERO; count],
-            pinned: vec![false; count],
-            attachments: Vec::new(),
-            plan: Plan::with(vec![0, count], 1),
-            slabs: Vec::new(),
-            before: zeros(),
-            now: zeros(),
-            next: zeros(),
-            velocities: vec![DVec3::ZERO; count],
-            lag: None,
-            steps: 0,
-        };
-        body.share_out(model.shape.size[0], slabs);
-        body.free_particles();
-        body
-    }
-
-    /// Shares the rows, of `row` particles each, out in slabs.
-    fn share_out(&mut self, row: usize, slabs: usize) {
-        let count = self.rest.len();
-        let has = |i: &usize| self.masses[*i] > 0.0;
-        let total = (0..count).filter(has).count();
-        let (mut starts, mut done) = (vec![0], 0);
-        for y in 1..count / row.max(1) {
-            done += ((y - 1) * row..y * row).filter(has).count();
-            if starts.len() < slabs && done * slabs >= starts.len() * total {
-                starts.push(y * row);
-            }
-        }
-        starts.push(count);
-        let chunks = starts.len() - 1;
-        self.plan = Plan::with(starts, chunks);
-        // Particles one after the other, and what lies between where that is little: springs that
-        // are not there cost less than to begin a run.
-        let mut runs: Vec<Range<usize>> = Vec::new();
-        let mut slab = 0;
-        for i in (0..count).filter(has) {
-            let here = self.plan.chunk_of(i);
-            match runs.last_mut() {
-                Some(run) if i - run.end <= GAP && here == slab => run.end = i + 1,
-                _ => runs.push(i..i + 1),
-            }
-            slab = here;
-        }
-        let slabs = (0..chunks).map(|c| {
-            let mine = self.plan.range(c);
-            let mut list = Vec::new();
-            for (kind, k) in self.kinds.iter().enumerate() {
-                for run in &runs {
-                    within(run, kind, k.offset, &mine, &mut list);
+    fn error(&mut self, refusal: Refusal) -> Error {
+        match refusal {
+            Refusal::Wrong(error) => error,
+            Refusal::Failed(Failure::BadStep { h }, ..) => Error::Input(format!(
+                "a time step of {h} s makes no sense; give a positive number of seconds"
+            )),
+            Refusal::Failed(_, dt, progress) => {
+                self.progress = progress;
+                let stable = self.model.stable_step();
+                Error::Solver {
+                    solver: "verlet on the grid",
+                    step: progress.steps + 1,
+                    time: progress.time,
+                    cause: FailureCause::FlownApart,
+                    what: "particles flew apart".into(),
+                    advice: match dt > stable {
+                        true => format!("use --dt {stable:.3e} or less"),
+                        false => {
+                            "the forces on it are too large, or its particles were moved too far"
+                                .into()
+                        }
+                    },
                 }
             }
-            list.sort_by_key(|r: &Run| (r.first, r.kind));
-            let longest = list.iter().map(|r| r.count).max().unwrap_or(0);
-            let particles = runs.iter().filter(|r| mine.contains(&r.start));
-            Slab::new(list, particles.cloned().collect(), mine.len(), longest)
-        });
-        self.slabs = slabs.collect();
-    }
-
-    fn free_particles(&mut self) {
-        for (i, inverse) in self.inverse.iter_mut().enumerate() {
-            let free = self.masses[i] > 0.0 && !self.pinned[i];
-            *inverse = T::of(if free { self.mean_mass / self.masses[i] } else { 0.0 });
-        }
-        for a in &self.attachments {
-            if let Attachment::Hold { node, .. } = a {
-                self.inverse[*node as usize] = T::ZERO;
-            }
         }
     }
 
-    /// Number of particles, those that the body has not included.
-    pub fn particle_count(&self) -> usize {
-        self.rest.len()
+    fn to_file(&self, x: DVec3) -> DVec3 {
+        self.model.frame.origin + x / self.model.length_unit
     }
 
-    /// Steps taken.
-    pub fn steps(&self) -> u64 {
-        self.steps
+    fn to_metres(&self, p: DVec3) -> DVec3 {
+        (p - self.model.frame.origin) * self.model.length_unit
     }
 
-    /// Says which particles are pinned.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a wrong number of flags.
-    pub fn set_pinned(&mut self, pinned: &[bool]) -> Result<()> {
-        self.check("pins", pinned.len())?;
-        self.pinned.copy_from_slice(pinned);
-        self.free_particles();
-        Ok(())
-    }
-
-    /// Sets gravity, m/s².
-    pub fn set_gravity(&mut self, gravity: DVec3) {
-        self.gravity = gravity;
-    }
-
-    /// Sets the external force on every particle, N.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
-    pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
-        self.check_vectors("forces", forces)?;
-        self.external.copy_from_slice(forces);
-        let some = forces.iter().any(|f| *f != DVec3::ZERO);
-        let axis = |a: usize| forces.iter().map(|f| T::of(f[a] / self.length)).collect();
-        self.forces = some.then(|| std::array::from_fn(axis));
-        Ok(())
-    }
-
-    /// Replaces the springs of every particle: those that a cut has left.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a wrong number of them, or springs that there were not.
-    pub fn set_springs(&mut self, springs: &[u32]) -> Result<()> {
-        self.check("springs", springs.len())?;
-        let new = |i: usize| {
-            springs[i] & 0x1_5555 != 0 && self.masses[i] == 0.0 || springs[i] >> 18 != 0
+    /// Uploads the positions that were put out last, if they are new.
+    fn upload(&mut self) -> Result<()> {
+        let Some((version, positions)) = self.worker.published(self.shown) else {
+            return Ok(());
         };
-        if let Some(i) = (0..springs.len()).find(|i| new(*i)) {
+        self.shown = version;
+        let places: Vec<DVec3> = positions.iter().map(|x| self.to_file(*x)).collect();
+        self.nodes.set_positions(&places)?;
+        match &self.normals {
+            Some(normals) => {
+                let packed = packed(&self.worker.body().normals());
+                self.gpu.write_array(normals, &packed)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Uploads the positions of now.
+    fn show(&mut self) -> Result<()> {
+        self.worker.publish();
+        self.upload()
+    }
+
+    /// Puts the particles at positions with velocities, in file units.
+    fn put(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        let metres: Vec<DVec3> = positions.iter().map(|p| self.to_metres(*p)).collect();
+        let unit = self.model.length_unit;
+        let speeds: Vec<DVec3> = velocities.iter().map(|v| *v * unit).collect();
+        self.worker.body().set_state(&metres, &speeds)?;
+        self.changes += 1;
+        self.show()
+    }
+}
+
+fn packed(normals: &[DVec3]) -> Vec<u32> {
+    let pack = |n: &DVec3| match *n == DVec3::ZERO {
+        true => NO_NORMAL,
+        false => pack_normal(*n),
+    };
+    normals.iter().map(pack).collect()
+}
+
+impl<T: Real> Simulator for CpuGrid<T> {
+    fn integrator(&self) -> SolverKind {
+        SolverKind::Verlet
+    }
+
+    fn engine(&self) -> Engine {
+        Engine::Cpu
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn masses(&self) -> &[f64] {
+        &self.model.masses
+    }
+
+    fn springs(&self) -> Vec<[u32; 2]> {
+        self.model.ties()
+    }
+
+    fn set_integrator(&mut self, kind: SolverKind, _: ConjugateGradients) -> Result<()> {
+        match kind {
+            SolverKind::Verlet => Ok(()),
+            kind => Err(Error::Input(format!(
+                "a grid body is stepped by verlet, not by {kind}"
+            ))),
+        }
+    }
+
+    fn largest_stable_step(&self) -> Option<f64> {
+        Some(self.model.stable_step())
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        if !(dt > 0.0 && dt.is_finite()) {
             return Err(Error::Input(format!(
-                "particle {i} cannot have the springs {:#x}",
-                springs[i]
+                "a time step of {dt} s makes no sense; give a positive number of seconds"
             )));
         }
-        self.springs.copy_from_slice(springs);
-        Ok(())
-    }
-
-    /// Sets what holds particles and pulls at them, in place of what did.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for attachments that make no sense.
-    pub fn set_attachments(&mut self, attachments: &[Attachment]) -> Result<()> {
-        check_attachments(attachments, self.rest.len())?;
-        self.attachments = attachments.to_vec();
-        self.free_particles();
-        for a in attachments {
-            if let Attachment::Hold { node, place } = a {
-                let i = *node as usize;
-                let u = (*place - self.rest[i]) / self.length;
-                for axis in 0..3 {
-                    self.now[axis][i] = T::of(u[axis]);
-                    self.before[axis][i] = T::of(u[axis]);
-                }
-            }
-        }
-        Ok(())
-    }
-
-    pub(super) fn displacement(&self, axes: &Axes<T>, i: usize) -> DVec3 {
-        DVec3::new(axes[0][i].wide(), axes[1][i].wide(), axes[2][i].wide()) * self.length
-    }
-
-    /// Positions, m from the frame's origin.
-    pub fn positions(&self) -> Vec<DVec3> {
-        let particles = self.rest.iter().enumerate();
-        particles
-            .map(|(i, x)| *x + self.displacement(&self.now, i))
-            .collect()
-    }
-
-    /// Velocities, m/s: the mean over the last step, or what was set before the first.
-    pub fn velocities(&self) -> Vec<DVec3> {
-        match self.lag {
-            None => self.velocities.clone(),
-            Some(h) => (0..self.rest.len())
-                .map(|i| {
-                    let [now, before] = [&self.now, &self.before];
-                    (self.displacement(now, i) - self.displacement(before, i)) / h
-                })
-                .collect(),
+        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
+        match steps {
+            0 => Ok(()),
+            steps => self.worker.ask(Errand::Steps(steps, dt)),
         }
     }
 
-    /// Puts the particles at positions (m from the frame's origin) with velocities (m/s): the next
-    /// step is a first one.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for wrong numbers of them, or any that is not finite.
-    pub fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
-        self.check_vectors("positions", positions)?;
-        self.check_vectors("velocities", velocities)?;
-        for (i, x) in positions.iter().enumerate() {
-            let u = (*x - self.rest[i]) / self.length;
-            for axis in 0..3 {
-                self.now[axis][i] = T::of(u[axis]);
-            }
-        }
-        self.velocities.copy_from_slice(velocities);
-        self.lag = None;
-        Ok(())
+    fn progress(&mut self) -> Result<Progress> {
+        self.progress = match self.worker.progress() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
     }
 
-    /// The state, to the bit.
-    pub fn state(&self) -> CpuGridState<T> {
-        CpuGridState {
-            u: [self.now.clone(), self.before.clone()],
-            velocities: self.velocities.clone(),
-            lag: self.lag,
-            steps: self.steps,
-        }
+    fn finish(&mut self) -> Result<Progress> {
+        self.progress = match self.worker.finish() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
     }
 
-    /// Goes on from a state that [`CpuGrid::state`] gave of this body or of one made in the same
-    /// way.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for the state of another body.
-    pub fn resume(&mut self, state: &CpuGridState<T>) -> Result<()> {
-        for axes in &state.u {
-            for a in axes {
-                self.check("displacements", a.len())?;
-            }
-        }
-        self.check("velocities", state.velocities.len())?;
-        self.now.clone_from(&state.u[0]);
-        self.before.clone_from(&state.u[1]);
-        self.velocities.clone_from(&state.velocities);
-        self.lag = state.lag;
-        self.steps = state.steps;
-        Ok(())
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.run(steps, dt)?;
+        self.publish(work)
     }
 
-    fn check(&self, what: &str, given: usize) -> Result<()> {
-        match given == self.rest.len() {
-            true => Ok(()),
-            false => Err(Error::Input(format!(
-                "{given} {what} are given for a grid of {} particles",
-                self.rest.len()
-            ))),
-        }
+    fn iterations(&self) -> Result<Vec<u32>> {
+        Ok(Vec::new())
     }
 
-    fn check_vectors(&self, what: &str, given: &[DVec3]) -> Result<()> {
-        self.check(what, given.len())?;
-        match given.iter().position(|v| !v.is_finite()) {
-            None => Ok(()),
-            Some(i) => Err(Error::Input(format!(
-                "the {what} of particle {i} are no numbers"
-            ))),
-        }
+    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+        self.upload()
     }
 
+    fn nodes(&self) -> &Nodes {
+        &self.nodes
+    }
+
+    fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
+        let mut rest = Particles::<T>::new(&self.model);
+        rest.set_springs(&self.model.springs)?;
+        let at_rest = packed(&rest.normals());
+        let now = packed(&self.worker.body().normals());
+        let array = match &self.normals {
+            Some(array) => array.clone(),
+            None => self
+                .gpu
+                .array("approximate normals", Texel::U32, now.len())?,
+        };
+        self.gpu.write_array(&array, &now)?;
+        self.normals = Some(array.clone());
+        Ok(Some((array, at_rest)))
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        let metres = self.worker.body().positions();
+        Ok(metres.iter().map(|x| self.to_file(*x)).collect())
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        let unit = self.model.length_unit;
+        let metres = self.worker.body().velocities();
+        Ok(metres.iter().map(|v| *v / unit).collect())
+    }
+
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.put(positions, &vec![DVec3::ZERO; positions.len()])
+    }
+
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        let positions = self.positions()?;
+        self.put(&positions, velocities)
+    }
+
+    fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        &mut self.loads
+    }
+
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        let positions = self.positions()?;
+        let masses = &self.model.masses;
+        let there = |i: usize| masses[i] > 0.0;
+        self.loads.grab(&positions, there, (centre, radius), grip)
+    }
+
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
+        self.finish()?;
+        let crossed = self.model.crossed(blade, &self.positions()?);
+        if crossed.is_empty() {
+            return Ok(TopologyChange::default());
+        }
+        let left = self.model.erase(&crossed)?;
+        self.worker.body().set_springs(&self.model.springs)?;
+        self.changes += 1;
+        self.show()?;
+        Ok(TopologyChange {
+            mesh: drop_tets(&mut self.mesh, &mut self.topology, &left.tets),
+            springs: crossed.len(),
+        })
+    }
+
+    fn report(&self) -> Result<Report> {
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        let energy = self.model.energy(&positions, &velocities);
+        Ok(Report::of_positions(energy, &self.mesh, &positions))
+    }
+
+    fn speed(&self) -> f64 {
+        if self.progress.steps == 0 {
+            return f64::INFINITY;
+        }
+        let mass: f64 = self.model.masses.iter().sum();
+        let speed = (2.0 * self.progress.last.kinetic / mass).sqrt();
+        speed / (self.model.frame.scale * self.model.length_unit)
+    }
+
+    fn touched(&self) -> u64 {
+        self.changes + self.loads.version()
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        Ok(SimulatorState::CpuGrid(Box::new(CpuGridState {
+            particles: postcard::to_stdvec(&self.worker.body().state())
+                .map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))?,
+            loads: self.loads.state(),
+            sent: self.sent,
+            changes: self.changes,
+            progress: self.progress,
+        })))
+    }
+
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
+        let SimulatorState::CpuGrid(state) = state else {
+            return Err(Error::Input(
+                "the state of another kind of body, or of another engine".into(),
+            ));
+        };
+        let kept = postcard::from_bytes(&state.particles).map_err(|_| {
+            Error::Input("the state of a body of other numbers, or a damaged one".into())
+        })?;
+        self.loads.set_state(&state.loads)?;
+        {
+            let mut body = self.worker.body();
+            body.set_pinned(self.loads.pinned())?;
+            body.set_gravity(self.loads.gravity());
+            body.set_forces(self.loads.forces())?;
+            body.set_attachments(&attachments(&self.loads))?;
+            body.resume(&kept)?;
+        }
+        self.sent = state.sent;
+        self.changes = state.changes;
+        self.progress = state.progress;
+        self.worker.set_progress(state.progress);
+        self.show()
+    }
+
+    fn pose(&self) -> Result<Pose> {
+        let positions = self.worker.body().positions();
+        Ok(Pose {
+            positions: Vec::new(),
+            normals: Vec::new(),
+            exact: positions.iter().map(|x| x.to_array()).collect(),
+        })
+    }
+
+    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+        let metres: Vec<DVec3> = pose.exact.iter().map(|x| DVec3::from(*x)).collect();
+        let still = vec![DVec3::ZERO; metres.len()];
+        self.worker.body().set_state(&metres, &still)?;
+        self.show()
+    }
 }

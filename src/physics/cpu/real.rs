@@ -34,6 +34,8 @@ pub trait Real:
     const HALF: Self;
     /// Square of a length, in local units, below which two nodes are in the same place.
     const COINCIDENT: Self;
+    /// Change of a squared length, in local units, that is as good as none.
+    const NOTHING: Self;
     /// Movement in one step, in units of the body's extent, that positions do not show.
     const NEGLIGIBLE: f64;
 
@@ -53,12 +55,13 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($real:ty, $coincident:expr, $negligible:expr) => {
+    ($real:ty, $coincident:expr, $nothing:expr, $negligible:expr) => {
         impl Real for $real {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
             const HALF: Self = 0.5;
             const COINCIDENT: Self = $coincident;
+            const NOTHING: Self = $nothing;
             const NEGLIGIBLE: f64 = $negligible;
 
             #[inline(always)]
@@ -82,5 +85,5 @@ macro_rules! real {
     };
 }
 
-real!(f32, 1e-24, 1e-9);
-real!(f64, 1e-200, 1e-18);
+real!(f32, 1e-24, 1e-20, 1e-9);
+real!(f64, 1e-200, 1e-200, 1e-18);

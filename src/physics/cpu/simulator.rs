@@ -2,10 +2,10 @@
 
 use super::body::CpuBody;
 use super::guard::Failure;
-use super::loads::Attachment;
 use super::node_terms::NodeTerms;
 use super::real::Real;
-use super::worker::{Errand, LoadChange, Refusal, Worker};
+use super::sending::{attachments, send_loads};
+use super::worker::{Errand, Refusal, Worker};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology, cut};
 use crate::physics::loads::{LoadVersions, LoadsState};
@@ -32,7 +32,7 @@ pub struct CpuTets<T: Real = f32> {
     /// The loads that the worker has.
     sent: Option<LoadVersions>,
     terms: Vec<Arc<dyn NodeTerm>>,
-    worker: Worker<T>,
+    worker: Worker<CpuBody<T>>,
     nodes: Nodes,
     /// The positions that were uploaded.
     shown: u64,
@@ -107,46 +107,6 @@ impl<T: Real> CpuTets<T> {
             changes: 0,
             progress: Progress::default(),
         })
-    }
-
-    /// Sends the loads that have changed.
-    fn send_loads(&mut self) -> Result<()> {
-        let versions = self.loads.versions;
-        if self.sent == Some(versions) {
-            return Ok(());
-        }
-        let known = self.sent;
-        let differs = |of: fn(&LoadVersions) -> u64| known.is_none_or(|k| of(&k) != of(&versions));
-        let change = LoadChange {
-            gravity: self.loads.gravity(),
-            pinned: differs(|v| v.held).then(|| self.loads.pinned().to_vec()),
-            forces: differs(|v| v.forces).then(|| self.loads.forces().to_vec()),
-            attachments: differs(|v| v.grabs).then(|| self.attachments()),
-        };
-        self.sent = Some(versions);
-        self.worker.ask(Errand::Loads(Box::new(change)))
-    }
-
-    /// The nodes that grabs hold or pull, in metres.
-    fn attachments(&self) -> Vec<Attachment> {
-        let metres = |p: DVec3| self.network.to_metres(p);
-        let mut all = Vec::new();
-        for grab in self.loads.grabs.iter() {
-            let share = grab.nodes.len() as f64;
-            for (node, offset) in grab.nodes.iter().zip(&grab.offsets) {
-                let place = metres(grab.target + *offset);
-                all.push(match grab.grip {
-                    Grip::Follow => Attachment::Hold { node: *node, place },
-                    Grip::Spring { stiffness, limit } => Attachment::Pull {
-                        node: *node,
-                        target: place,
-                        stiffness: stiffness / share,
-                        limit: limit / share,
-                    },
-                });
-            }
-        }
-        all
     }
 
     /// What is told of a step that was refused.
@@ -278,7 +238,7 @@ impl<T: Real> Simulator for CpuTets<T> {
                 "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
             )));
         }
-        self.send_loads()?;
+        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
         match steps {
             0 => Ok(()),
             steps => self.worker.ask(Errand::Steps(steps, dt)),
@@ -431,7 +391,7 @@ impl<T: Real> Simulator for CpuTets<T> {
             body.set_pinned(self.loads.pinned())?;
             body.set_gravity(self.loads.gravity());
             body.set_forces(self.loads.forces())?;
-            body.set_attachments(&self.attachments())?;
+            body.set_attachments(&attachments(&self.loads))?;
             body.resume(&kept)?;
         }
         self.sent = state.sent;

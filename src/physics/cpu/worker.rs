@@ -4,6 +4,7 @@
 use super::body::CpuBody;
 use super::guard::Failure;
 use super::loads::Attachment;
+use super::particles::Particles;
 use super::real::Real;
 use crate::physics::{Progress, SolverKind, StepRecord};
 use crate::{Error, Result};
@@ -37,6 +38,92 @@ pub(super) struct LoadChange {
     pub attachments: Option<Vec<Attachment>>,
 }
 
+/// What a worker steps.
+pub(super) trait Stepped: Send + 'static {
+    /// Whether its steps are long and take iterations, each to be told of.
+    fn iterates(&self) -> bool;
+
+    /// Takes steps of so many seconds; what is noted of the last.
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure>;
+
+    /// Steps taken.
+    fn steps(&self) -> u64;
+
+    /// Positions, m.
+    fn positions(&self) -> Vec<DVec3>;
+
+    /// Takes over loads.
+    fn take_over(&mut self, change: LoadChange) -> Result<()>;
+}
+
+impl<T: Real> Stepped for CpuBody<T> {
+    fn iterates(&self) -> bool {
+        self.kind() == SolverKind::Implicit
+    }
+
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
+        CpuBody::run(self, steps, dt)
+    }
+
+    fn steps(&self) -> u64 {
+        CpuBody::steps(self)
+    }
+
+    fn positions(&self) -> Vec<DVec3> {
+        CpuBody::positions(self)
+    }
+
+    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+        self.set_gravity(change.gravity);
+        if let Some(pinned) = change.pinned {
+            self.set_pinned(&pinned)?;
+        }
+        if let Some(forces) = change.forces {
+            self.set_forces(&forces)?;
+        }
+        match change.attachments {
+            Some(attachments) => self.set_attachments(&attachments),
+            None => Ok(()),
+        }
+    }
+}
+
+impl<T: Real> Stepped for Particles<T> {
+    fn iterates(&self) -> bool {
+        false
+    }
+
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
+        Particles::run(self, steps, dt)?;
+        Ok(StepRecord {
+            kinetic: self.kinetic_energy(),
+            ..StepRecord::default()
+        })
+    }
+
+    fn steps(&self) -> u64 {
+        Particles::steps(self)
+    }
+
+    fn positions(&self) -> Vec<DVec3> {
+        Particles::positions(self)
+    }
+
+    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+        self.set_gravity(change.gravity);
+        if let Some(pinned) = change.pinned {
+            self.set_pinned(&pinned)?;
+        }
+        if let Some(forces) = change.forces {
+            self.set_forces(&forces)?;
+        }
+        match change.attachments {
+            Some(attachments) => self.set_attachments(&attachments),
+            None => Ok(()),
+        }
+    }
+}
+
 /// What is known of the steps, and those that are left.
 #[derive(Debug, Default)]
 struct Queue {
@@ -57,8 +144,8 @@ struct Published {
     positions: Vec<DVec3>,
 }
 
-struct Shared<T: Real> {
-    body: Mutex<CpuBody<T>>,
+struct Shared<B: Stepped> {
+    body: Mutex<B>,
     queue: Mutex<Queue>,
     /// There is something to do, or nothing any more.
     wake: Condvar,
@@ -67,8 +154,8 @@ struct Shared<T: Real> {
 }
 
 /// A body and its thread.
-pub(super) struct Worker<T: Real> {
-    shared: Arc<Shared<T>>,
+pub(super) struct Worker<B: Stepped> {
+    shared: Arc<Shared<B>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -76,8 +163,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<T: Real> Worker<T> {
-    pub fn new(body: CpuBody<T>) -> Worker<T> {
+impl<B: Stepped> Worker<B> {
+    pub fn new(body: B) -> Worker<B> {
         Worker {
             shared: Arc::new(Shared {
                 body: Mutex::new(body),
@@ -91,7 +178,7 @@ impl<T: Real> Worker<T> {
     }
 
     /// The body, between two steps. What is done to it is done behind what was asked for.
-    pub fn body(&self) -> MutexGuard<'_, CpuBody<T>> {
+    pub fn body(&self) -> MutexGuard<'_, B> {
         lock(&self.shared.body)
     }
 
@@ -160,7 +247,7 @@ impl<T: Real> Worker<T> {
     }
 }
 
-impl<T: Real> Drop for Worker<T> {
+impl<B: Stepped> Drop for Worker<B> {
     fn drop(&mut self) {
         lock(&self.shared.queue).quit = true;
         self.shared.wake.notify_one();
@@ -189,7 +276,7 @@ fn told(queue: &mut Queue) -> std::result::Result<Progress, Refusal> {
     }
 }
 
-impl<T: Real> Shared<T> {
+impl<B: Stepped> Shared<B> {
     fn work(&self) {
         loop {
             {
@@ -233,7 +320,7 @@ impl<T: Real> Shared<T> {
         match errand {
             None => return false,
             Some(Errand::Loads(change)) => {
-                if let Err(error) = take_over(&mut lock(&self.body), *change) {
+                if let Err(error) = lock(&self.body).take_over(*change) {
                     self.drop_steps().refused = Some(error);
                 }
             }
@@ -245,7 +332,7 @@ impl<T: Real> Shared<T> {
     fn steps(&self, left: u32, dt: f64) {
         let mut body = lock(&self.body);
         // Every implicit step is told of; explicit ones are short.
-        let implicit = body.kind() == SolverKind::Implicit;
+        let implicit = body.iterates();
         let mut some = 1;
         let (start, mut done) = (Instant::now(), 0);
         let mut record: Option<StepRecord> = None;
@@ -289,24 +376,10 @@ impl<T: Real> Shared<T> {
         queue
     }
 
-    fn publish(&self, body: &CpuBody<T>) {
+    fn publish(&self, body: &B) {
         let positions = body.positions();
         let mut published = lock(&self.published);
         published.positions = positions;
         published.version += 1;
-    }
-}
-
-fn take_over<T: Real>(body: &mut CpuBody<T>, change: LoadChange) -> Result<()> {
-    body.set_gravity(change.gravity);
-    if let Some(pinned) = change.pinned {
-        body.set_pinned(&pinned)?;
-    }
-    if let Some(forces) = change.forces {
-        body.set_forces(&forces)?;
-    }
-    match change.attachments {
-        Some(attachments) => body.set_attachments(&attachments),
-        None => Ok(()),
     }
 }

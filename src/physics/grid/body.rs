@@ -6,7 +6,7 @@ use crate::gpu::{Array, Gpu, Ring, Texel};
 use crate::mesh::{NO_NORMAL, TetMesh};
 use crate::physics::grab_lists::GrabLists;
 use crate::physics::loads::LoadVersions;
-use crate::physics::{Energy, GrabId, Grip, Loads, Nodes, Report};
+use crate::physics::{GrabId, Grip, Loads, Nodes, Report};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use std::collections::VecDeque;
@@ -271,18 +271,7 @@ impl GridBody {
     pub fn report(&self) -> Result<Report> {
         let positions = self.positions()?;
         let velocities = self.velocities()?;
-        let (frame, unit) = (self.model.frame, self.model.length_unit);
-        let mut twin = self.model.twin();
-        let metres = |p: &DVec3| (*p - frame.origin) * unit;
-        twin.x = positions.iter().map(metres).collect();
-        let before = positions.iter().zip(&velocities).map(|(x, v)| *x - *v);
-        twin.previous = before.map(|p| metres(&p)).collect();
-        let [kinetic, elastic] = twin.energy(1.0);
-        let energy = Energy {
-            kinetic,
-            elastic,
-            total: kinetic + elastic,
-        };
+        let energy = self.model.energy(&positions, &velocities);
         Ok(Report::of_positions(energy, &self.mesh, &positions))
     }
 

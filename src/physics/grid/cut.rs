@@ -1,10 +1,12 @@
 //! Cutting a grid body: springs are erased, down to a single one; particles are taken out.
 
 use super::body::GridBody;
+use super::model::GridModel;
 use super::shape::SPRING_KINDS;
 use crate::gpu::Texel;
-use crate::mesh::Blade;
+use crate::mesh::{Blade, Location, TetCut, TetMesh, Topology};
 use crate::{Error, Result};
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// What a cut of a grid body has changed.
@@ -14,6 +16,75 @@ pub struct GridCut {
     pub springs: usize,
     /// Tets of cells that are no longer whole: they are not drawn any more.
     pub tets: usize,
+}
+
+impl GridModel {
+    /// The springs that `blade` (file units) crosses where the particles stand at `positions`,
+    /// each by its particle and its kind forward.
+    pub(crate) fn crossed(&self, blade: &Blade, positions: &[DVec3]) -> Vec<(usize, usize)> {
+        let offsets = self.shape.offsets();
+        let springs = &self.springs;
+        let particles: Vec<usize> = self.shape.particles().collect();
+        particles
+            .par_iter()
+            .flat_map_iter(|i| {
+                let kinds = (0..SPRING_KINDS).filter(move |k| springs[*i] >> (2 * k) & 1 == 1);
+                let j = move |k: usize| (*i as i64 + offsets[k]) as usize;
+                kinds
+                    .filter(move |k| blade.parts(positions[*i], positions[j(*k)]))
+                    .map(move |k| (*i, k))
+            })
+            .collect()
+    }
+
+    /// Erases springs. Returns the mesh over the cells that are still whole.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when there would be none; nothing is erased then.
+    pub(crate) fn erase(&mut self, gone: &[(usize, usize)]) -> Result<TetMesh> {
+        let offsets = self.shape.offsets();
+        let mut springs = self.springs.clone();
+        for (i, k) in gone {
+            springs[*i] &= !(1 << (2 * k));
+            springs[(*i as i64 + offsets[*k]) as usize] &= !(1 << (2 * k + 1));
+        }
+        let mesh = self.shape.mesh(&springs).map_err(|_| {
+            Error::Input("the cut would leave no whole cell of the grid; nothing was cut".into())
+        })?;
+        self.springs = springs;
+        Ok(mesh)
+    }
+}
+
+/// Leaves out of `mesh`, and of its fields, the tets that are not among those `left`, which are in
+/// its order.
+pub(crate) fn drop_tets(mesh: &mut TetMesh, topology: &mut Topology, left: &[[u32; 4]]) -> TetCut {
+    let mut left = left.iter().peekable();
+    let tets = mesh.tets.iter();
+    let stays: Vec<bool> = tets
+        .map(|tet| left.next_if(|next| *next == tet).is_some())
+        .collect();
+    let gone = (0u32..).zip(&stays).filter(|(_, stays)| !**stays);
+    let removed: Vec<u32> = gone.map(|(t, _)| t).collect();
+    if removed.is_empty() {
+        return TetCut::default();
+    }
+    let mut kept = stays.iter();
+    mesh.tets.retain(|_| kept.next() == Some(&true));
+    for field in &mut mesh.fields {
+        if field.location == Location::Cell {
+            let (n, mut k) = (field.components, 0);
+            field.values.retain(|_| {
+                k += 1;
+                stays[(k - 1) / n]
+            });
+        }
+    }
+    *topology = Topology::new(mesh);
+    TetCut {
+        removed,
+        ..TetCut::default()
+    }
 }
 
 impl GridBody {
@@ -28,21 +99,7 @@ impl GridBody {
     /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array); [`Error::Input`] when no cell would
     /// be left.
     pub fn cut(&mut self, blade: &Blade) -> Result<GridCut> {
-        let positions = self.positions()?;
-        let offsets = self.model.shape.offsets();
-        let springs = &self.model.springs;
-        let particles: Vec<usize> = self.model.shape.particles().collect();
-        let crossed: Vec<(usize, usize)> = particles
-            .par_iter()
-            .flat_map_iter(|i| {
-                let kinds = (0..SPRING_KINDS).filter(move |k| springs[*i] >> (2 * k) & 1 == 1);
-                let j = move |k: usize| (*i as i64 + offsets[k]) as usize;
-                let positions = &positions;
-                kinds
-                    .filter(move |k| blade.parts(positions[*i], positions[j(*k)]))
-                    .map(move |k| (*i, k))
-            })
-            .collect();
+        let crossed = self.model.crossed(blade, &self.positions()?);
         self.erase(&crossed)
     }
 
@@ -79,17 +136,8 @@ impl GridBody {
         if gone.is_empty() {
             return Ok(GridCut::default());
         }
-        let offsets = self.model.shape.offsets();
-        let mut springs = self.model.springs.clone();
-        for (i, k) in gone {
-            springs[*i] &= !(1 << (2 * k));
-            springs[(*i as i64 + offsets[*k]) as usize] &= !(1 << (2 * k + 1));
-        }
-        let mesh = self.model.shape.mesh(&springs).map_err(|_| {
-            Error::Input("the cut would leave no whole cell of the grid; nothing was cut".into())
-        })?;
+        let mesh = self.model.erase(gone)?;
         let tets = self.mesh.tets.len() - mesh.tets.len();
-        self.model.springs = springs;
         self.mesh = mesh;
         self.dirty = true;
         self.changes += 1;

@@ -16,6 +16,7 @@ mod verlet;
 
 pub use body::GridBody;
 pub use cut::GridCut;
+pub(crate) use cut::drop_tets;
 pub use model::GridModel;
 pub(crate) use model::isotropic;
 pub use shape::{GridShape, SPRING_KINDS, STEPS};

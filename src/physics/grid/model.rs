@@ -3,7 +3,7 @@
 use super::shape::{GridShape, SPRING_KINDS, STEPS};
 use crate::mesh::LocalFrame;
 use crate::physics::grid::plain::GridTwin;
-use crate::physics::{Material, RegionMaterial, Stiffness};
+use crate::physics::{Energy, Material, RegionMaterial, Stiffness};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -127,6 +127,27 @@ impl GridModel {
                 self.factors[(i as i64 + step) as usize]
             })
             .fold(self.factors[i], f64::max)
+    }
+
+    /// Energies of particles at `positions` that move with `velocities`, in file units.
+    pub(crate) fn energy(&self, positions: &[DVec3], velocities: &[DVec3]) -> Energy {
+        let (offsets, lengths) = (self.shape.offsets(), self.shape.rest_lengths());
+        let unit = self.length_unit;
+        let (mut kinetic, mut elastic) = (0.0, 0.0);
+        for i in self.shape.particles() {
+            kinetic += 0.5 * self.masses[i] * (velocities[i] * unit).length_squared();
+            for k in (0..SPRING_KINDS).filter(|k| self.springs[i] >> (2 * k) & 1 == 1) {
+                let j = (i as i64 + offsets[k]) as usize;
+                let stiffness = 0.5 * (self.factors[i] + self.factors[j]) * self.stiffness[k];
+                let stretch = (positions[i].distance(positions[j]) - lengths[k]) * unit;
+                elastic += 0.5 * stiffness * stretch * stretch;
+            }
+        }
+        Energy {
+            kinetic,
+            elastic,
+            total: kinetic + elastic,
+        }
     }
 
     /// The two particles that each spring ties.

@@ -1,8 +1,9 @@
 //! A grid body as a simulator, stepped on the GPU.
 
 use super::GridBody;
+use super::cut::drop_tets;
 use crate::gpu::{Array, Gpu, Recorder};
-use crate::mesh::{Blade, Location, TetCut, TetMesh, Topology};
+use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::{
     ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
     SimulatorState, SolverKind, StepRecord, TopologyChange,
@@ -35,38 +36,6 @@ impl GpuGrid {
             steps,
             time,
             last: StepRecord::default(),
-        }
-    }
-
-    /// Leaves out of the mesh the tets that the body's has no longer.
-    fn follow(&mut self) -> TetCut {
-        let mut left = self.body.mesh().tets.iter().peekable();
-        let stays: Vec<bool> = self
-            .mesh
-            .tets
-            .iter()
-            .map(|tet| left.next_if(|next| *next == tet).is_some())
-            .collect();
-        let gone = (0u32..).zip(&stays).filter(|(_, stays)| !**stays);
-        let removed: Vec<u32> = gone.map(|(t, _)| t).collect();
-        if removed.is_empty() {
-            return TetCut::default();
-        }
-        let mut kept = stays.iter();
-        self.mesh.tets.retain(|_| kept.next() == Some(&true));
-        for field in &mut self.mesh.fields {
-            if field.location == Location::Cell {
-                let (n, mut k) = (field.components, 0);
-                field.values.retain(|_| {
-                    k += 1;
-                    stays[(k - 1) / n]
-                });
-            }
-        }
-        self.topology = Topology::new(&self.mesh);
-        TetCut {
-            removed,
-            ..TetCut::default()
         }
     }
 }
@@ -175,7 +144,7 @@ impl Simulator for GpuGrid {
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
         let cut = self.body.cut(blade)?;
         Ok(TopologyChange {
-            mesh: self.follow(),
+            mesh: drop_tets(&mut self.mesh, &mut self.topology, &self.body.mesh().tets),
             springs: cut.springs,
         })
     }

@@ -3,17 +3,18 @@
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::mesh::generate;
-use palpate::physics::{Floor, GpuTets, Material, NodeTerm, Simulator, SolverKind};
+use palpate::physics::{Engine, EngineChoice, Floor, Material, NodeTerm, Simulator, SolverKind};
 use std::sync::Arc;
 
 /// A ball of 0.1 m, dropped from a hundredth of a metre onto a floor, or through none.
-fn dropped(kind: SolverKind, floor: bool) -> (Box<dyn Simulator>, Floor) {
+fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>, Floor) {
     let mesh = generate::ball(0.05, 6).unwrap();
     let material = Material {
         damping_time: 2e-3,
         ..Material::young(2e4)
     };
-    let mut ball = GpuTets::new(&gpu(), mesh, &material, kind).unwrap();
+    let choice = EngineChoice::This(engine);
+    let mut ball = choice.tets(&gpu(), mesh, &material, kind).unwrap();
     let term = Floor::new(DVec3::new(0.0, 0.0, -0.06), DVec3::Z, 500.0).unwrap();
     if floor {
         ball.add_term(Arc::new(term)).unwrap();
@@ -21,13 +22,18 @@ fn dropped(kind: SolverKind, floor: bool) -> (Box<dyn Simulator>, Floor) {
     ball.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
     let dt = ball.largest_stable_step().map_or(0.005, |h| 0.9 * h);
     ball.run((0.5 / dt) as u32, dt).unwrap();
-    (Box::new(ball), term)
+    (ball, term)
 }
 
 #[test]
 fn a_ball_comes_to_rest_on_a_floor() {
-    for kind in [SolverKind::Implicit, SolverKind::Symplectic] {
-        let (ball, floor) = dropped(kind, true);
+    for (kind, engine) in [
+        (SolverKind::Implicit, Engine::Gpu),
+        (SolverKind::Implicit, Engine::Cpu),
+        (SolverKind::Symplectic, Engine::Gpu),
+        (SolverKind::Symplectic, Engine::Cpu),
+    ] {
+        let (ball, floor) = dropped(kind, engine, true);
         let positions = ball.positions().unwrap();
         let lowest = positions.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
         // The few nodes that bear it sink in by some millimetres, by g/ω² times what lies on each.
@@ -39,13 +45,13 @@ fn a_ball_comes_to_rest_on_a_floor() {
             .map(|(p, m)| floor.force(*m, (*p - frame.origin) * unit))
             .sum();
         let weight = 9.81 * ball.masses().iter().sum::<f64>();
-        println!("{kind}: lowest {lowest:.5}, borne {borne} of {weight}");
+        println!("{engine} {kind}: lowest {lowest:.5}, borne {borne} of {weight}");
         assert!((borne.z / weight - 1.0).abs() < 0.02, "{kind}: {borne}");
         assert!(borne.truncate().length() < 1e-3 * weight);
         assert_eq!(ball.report().unwrap().inverted, 0);
     }
     // It can fail: without a floor the ball is gone.
-    let (ball, _) = dropped(SolverKind::Implicit, false);
+    let (ball, _) = dropped(SolverKind::Implicit, Engine::Cpu, false);
     assert!(ball.positions().unwrap().iter().all(|p| p.z < -0.5));
 }
 

@@ -10,7 +10,8 @@ use palpate::mesh::{Blade, TetMesh, generate};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
 use palpate::physics::{
-    CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, Simulator, SolverKind, SpringNetwork,
+    CpuGrid, CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, Simulator, SolverKind,
+    SpringNetwork,
 };
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.05, 0.05);
@@ -40,13 +41,23 @@ fn bar() -> TetMesh {
     generate::bar_of_about(600, SIZE).unwrap()
 }
 
-fn grid(gpu: &Gpu) -> GpuGrid {
+fn particles() -> GridModel {
     let shape = GridShape::carve(&Block, DVec3::splat(0.0125), DMat3::IDENTITY).unwrap();
     let mut model = GridModel::new(shape, &material()).unwrap();
     model.damping = 4.0;
-    let body = GridBody::new(gpu, model).unwrap();
+    model
+}
+
+fn gpu_grid(gpu: &Gpu) -> GpuGrid {
+    let body = GridBody::new(gpu, particles()).unwrap();
     let mesh = body.mesh().clone();
     GpuGrid::new(gpu, body, mesh)
+}
+
+fn cpu_grid(gpu: &Gpu) -> CpuGrid {
+    let model = particles();
+    let mesh = model.shape.mesh(&model.springs).unwrap();
+    CpuGrid::new(gpu, model, mesh).unwrap()
 }
 
 fn carried(gpu: &Gpu, choice: EngineChoice) -> Carried {
@@ -72,7 +83,8 @@ fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
     let settings = Default::default();
     let tets = CpuTets::<f64>::new(&gpu, bar(), &material(), SolverKind::Implicit, settings);
     all.push(("cpu f64 implicit".into(), Box::new(tets.unwrap())));
-    all.push(("gpu grid".into(), Box::new(grid(&gpu))));
+    all.push(("gpu grid".into(), Box::new(gpu_grid(&gpu))));
+    all.push(("cpu grid".into(), Box::new(cpu_grid(&gpu))));
     for engine in [Engine::Gpu, Engine::Cpu] {
         let choice = EngineChoice::This(engine);
         all.push((
@@ -134,7 +146,9 @@ fn all_bend_by_the_same_weight_to_the_same_shape() {
     assert!((single / double - 1.0).abs() < 2e-3, "{single} {double}");
     let (gpu, cpu) = (of("carried by gpu"), of("carried by cpu"));
     assert!((gpu / cpu - 1.0).abs() < 2e-3, "{gpu} {cpu}");
-    assert!((0.06..0.1).contains(&of("gpu grid")));
+    let (gpu, cpu) = (of("gpu grid"), of("cpu grid"));
+    assert!((gpu / cpu - 1.0).abs() < 2e-3, "{gpu} {cpu}");
+    assert!((0.06..0.1).contains(&gpu), "{gpu}");
 }
 
 #[test]

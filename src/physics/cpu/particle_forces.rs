@@ -1,0 +1,145 @@
+//! Spring forces on a regular grid of particles, row by row in SIMD lanes: the inner loops of
+//! [`super::grid`].
+//!
+//! Every spring is computed once, from the particle that it leads forward from, for a run of
+//! consecutive particles at a time: all of them have their neighbours of a kind at one distance in
+//! memory.
+
+use super::real::Real;
+use std::ops::Range;
+
+/// Three arrays: x, y and z of every particle.
+pub type Axes<T> = [Vec<T>; 3];
+
+/// A kind of spring in local units.
+#[derive(Clone, Copy, Debug)]
+pub struct Kind<T> {
+    /// From a particle's number to its neighbour's.
+    pub offset: isize,
+    /// From a particle to its neighbour, at rest.
+    pub rest: [T; 3],
+    /// The length of that.
+    pub length: T,
+    /// κ.
+    pub stiffness: T,
+}
+
+/// The springs of a kind that lead forward from consecutive particles.
+#[derive(Clone, Copy, Debug)]
+pub struct Run {
+    /// The first particle.
+    pub first: usize,
+    /// How many.
+    pub count: usize,
+    /// Which kind.
+    pub kind: usize,
+    /// Whether the particles, and their neighbours, are the slab's own.
+    pub own: [bool; 2],
+}
+
+/// Consecutive rows of the grid, and what acts on their particles.
+#[derive(Clone, Debug)]
+pub struct Slab<T> {
+    /// The runs with an end in the slab.
+    pub runs: Vec<Run>,
+    /// Runs of particles to be moved, numbered in the whole grid.
+    pub particles: Vec<Range<usize>>,
+    /// Forces on all particles of the slab, from its first on.
+    pub forces: Axes<T>,
+    share: Axes<T>,
+}
+
+impl<T: Real> Slab<T> {
+    /// A slab of `length` particles, runs of at most `longest`.
+    pub fn new(
+        runs: Vec<Run>,
+        particles: Vec<Range<usize>>,
+        length: usize,
+        longest: usize,
+    ) -> Slab<T> {
+        let zeros = |n: usize| std::array::from_fn(|_| vec![T::ZERO; n]);
+        Slab {
+            runs,
+            particles,
+            forces: zeros(length),
+            share: zeros(longest),
+        }
+    }
+
+    /// Puts the spring forces at the displacements `u` into [`Slab::forces`]. `factors` and
+    /// `springs` are every particle's; `first` is the slab's first particle.
+    pub fn pull(
+        &mut self,
+        first: usize,
+        kinds: &[Kind<T>; 9],
+        u: &Axes<T>,
+        factors: &[T],
+        springs: &[u32],
+    ) {
+        for f in &mut self.forces {
+            f.fill(T::ZERO);
+        }
+        for run in &self.runs {
+            let (i, n) = (run.first, run.count);
+            let kind = &kinds[run.kind];
+            let j = i.wrapping_add_signed(kind.offset);
+            let [sx, sy, sz] = self.share.each_mut().map(|s| &mut s[..n]);
+            pull(
+                kind,
+                2 * run.kind as u32,
+                u.each_ref().map(|a| (&a[i..i + n], &a[j..j + n])),
+                (&factors[i..i + n], &factors[j..j + n]),
+                &springs[i..i + n],
+                [sx, sy, sz],
+            );
+            for (f, share) in self.forces.iter_mut().zip(&self.share) {
+                if run.own[0] {
+                    for (f, s) in f[i - first..i - first + n].iter_mut().zip(&share[..n]) {
+                        *f += *s;
+                    }
+                }
+                if run.own[1] {
+                    for (f, s) in f[j - first..j - first + n].iter_mut().zip(&share[..n]) {
+                        *f -= *s;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Forces of the springs of one kind on the particles that they lead forward from.
+#[inline(never)]
+fn pull<T: Real>(
+    kind: &Kind<T>,
+    bit: u32,
+    [x, y, z]: [(&[T], &[T]); 3],
+    factors: (&[T], &[T]),
+    springs: &[u32],
+    [sx, sy, sz]: [&mut [T]; 3],
+) {
+    let n = springs.len();
+    let (xa, xb) = (&x.0[..n], &x.1[..n]);
+    let (ya, yb) = (&y.0[..n], &y.1[..n]);
+    let (za, zb) = (&z.0[..n], &z.1[..n]);
+    let (fa, fb) = (&factors.0[..n], &factors.1[..n]);
+    let (sx, sy, sz) = (&mut sx[..n], &mut sy[..n], &mut sz[..n]);
+    let [rx, ry, rz] = kind.rest;
+    let half = T::HALF * kind.stiffness;
+    for m in 0..n {
+        let (ex, ey, ez) = (xb[m] - xa[m], yb[m] - ya[m], zb[m] - za[m]);
+        let (dx, dy, dz) = (rx + ex, ry + ey, rz + ez);
+        let l = (dx * dx + dy * dy + dz * dz).or_more(T::COINCIDENT).root();
+        // |d|² − L², without cancellation.
+        let gain = ex * (rx + dx) + ey * (ry + dy) + ez * (rz + dz);
+        // What a wave has hardly reached yet would be subnormal, and ten times as slow.
+        let some = gain > T::NOTHING || gain < -T::NOTHING;
+        let gain = if some { gain } else { T::ZERO };
+        let there = T::of_bit(springs[m] >> bit & 1);
+        let k = half * (fa[m] + fb[m]) * there;
+        let c = k * gain / ((l + kind.length) * l);
+        sx[m] = c * dx;
+        sy[m] = c * dy;
+        sz[m] = c * dz;
+    }
+}

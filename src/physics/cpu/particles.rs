@@ -1,0 +1,393 @@
+//! Grid bodies on the CPU: Verlet on particles with 18 implicit neighbours (Mosegaard, Herborg &
+//! Sørensen 2005). The twin of `shaders/physics/grid_verlet.wgsl` and `physics::grid::plain`.
+
+use super::loads::{Attachment, check_attachments};
+use super::particle_forces::{Axes, Kind, Run, Slab};
+use super::pool::Plan;
+use super::real::Real;
+use crate::physics::grid::{GridModel, STEPS};
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Particles below which a second thread costs more than it gives.
+const PARTICLES_A_THREAD: usize = 1500;
+
+/// So many particles that the body has not may be a part of a run.
+const GAP: usize = 16;
+
+/// Particles in a run of springs at most: its forces stay in the first cache.
+const LONGEST: usize = 512;
+
+/// A grid body stepped on the CPU in numbers of type `T`.
+///
+/// Particles go in and out by their numbers in the grid, those that the body has not included, in
+/// SI units, positions in metres from the origin of the model's frame. Kept are displacements from
+/// the rest positions in units of the body's size, so that f32 has its digits where they matter.
+#[derive(Clone, Debug)]
+pub struct Particles<T: Real> {
+    pub(super) rest: Vec<DVec3>,
+    pub(super) length: f64,
+    pub(super) mean_mass: f64,
+    pub(super) masses: Vec<f64>,
+    pub(super) damping: f64,
+    pub(super) gravity: DVec3,
+    pub(super) kinds: [Kind<T>; 9],
+    pub(super) stiffness: [f64; 9],
+    pub(super) springs: Vec<u32>,
+    pub(super) factors: Vec<T>,
+    /// Mean mass over mass; 0 for particles that stay.
+    pub(super) inverse: Vec<T>,
+    pub(super) forces: Option<Axes<T>>,
+    pub(super) external: Vec<DVec3>,
+    pub(super) pinned: Vec<bool>,
+    pub(super) attachments: Vec<Attachment>,
+    pub(super) plan: Plan,
+    pub(super) slabs: Vec<Slab<T>>,
+    pub(super) before: Axes<T>,
+    pub(super) now: Axes<T>,
+    pub(super) next: Axes<T>,
+    pub(super) velocities: Vec<DVec3>,
+    /// Length of the last step, s; none at first.
+    pub(super) lag: Option<f64>,
+    pub(super) steps: u64,
+}
+
+/// The parts of a run of particles of which the springs of a kind, that lead `offset` on, begin or
+/// end in the slab of the particles `mine`.
+fn within(run: &Range<usize>, kind: usize, offset: isize, mine: &Range<usize>, out: &mut Vec<Run>) {
+    let mut ends = [mine.start, mine.end, run.end, run.end].map(|e| e as isize);
+    ends[2] = mine.start as isize - offset;
+    ends[3] = mine.end as isize - offset;
+    ends.sort_unstable();
+    let mut from = run.start;
+    for end in ends.into_iter().chain([run.end as isize]) {
+        let end = end.clamp(from as isize, run.end as isize) as usize;
+        let own = [from, from.wrapping_add_signed(offset)].map(|i| mine.contains(&i));
+        if end > from && own != [false, false] {
+            for first in (from..end).step_by(LONGEST) {
+                out.push(Run {
+                    first,
+                    count: LONGEST.min(end - first),
+                    kind,
+                    own,
+                });
+            }
+        }
+        from = end;
+    }
+}
+
+/// What [`Particles::state`] gives.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParticlesState<T> {
+    /// Displacements now and a step before.
+    pub u: [Axes<T>; 2],
+    /// Velocities to begin with, m/s; of use before the first step only.
+    pub velocities: Vec<[f64; 3]>,
+    /// Length of the last step, s.
+    pub lag: Option<f64>,
+    /// Steps taken.
+    pub steps: u64,
+}
+
+impl<T: Real> Particles<T> {
+    /// The body of `model`, at rest; nothing pinned, no gravity.
+    pub fn new(model: &GridModel) -> Particles<T> {
+        let bodies = model.masses.iter().filter(|m| **m > 0.0).count();
+        let threads = rayon::current_num_threads();
+        Particles::with_slabs(model, threads.min(bodies / PARTICLES_A_THREAD))
+    }
+
+    /// As [`Particles::new`], its rows shared out in that many slabs, or fewer.
+    pub fn with_slabs(model: &GridModel, slabs: usize) -> Particles<T> {
+        let twin = model.twin();
+        let count = twin.x.len();
+        let length = model.frame.scale * model.length_unit;
+        let bodies = model.masses.iter().filter(|m| **m > 0.0);
+        let (sum, bodies) = bodies.fold((0.0, 0.0), |(s, n), m| (s + m, n + 1.0));
+        let mean_mass = if bodies > 0.0 { sum / bodies } else { 1.0 };
+        let shape = &model.shape;
+        let kinds = std::array::from_fn(|k| {
+            let step = DVec3::from(STEPS[k].map(|n| n as f64));
+            let rest = shape.axes * (shape.spacing * step) * model.length_unit / length;
+            Kind {
+                offset: twin.offsets[k] as isize,
+                rest: rest.to_array().map(T::of),
+                length: T::of(twin.lengths[k] / length),
+                stiffness: T::ONE,
+            }
+        });
+        let zeros = || std::array::from_fn(|_| vec![T::ZERO; count]);
+        let mut body = Particles {
+            rest: twin.x,
+            length,
+            mean_mass,
+            masses: model.masses.clone(),
+            damping: model.damping,
+            gravity: DVec3::ZERO,
+            kinds,
+            stiffness: twin.stiffness,
+            springs: twin.springs,
+            factors: twin.factors.iter().map(|f| T::of(*f)).collect(),
+            inverse: vec![T::ZERO; count],
+            forces: None,
+            external: vec![DVec3::ZERO; count],
+            pinned: vec![false; count],
+            attachments: Vec::new(),
+            plan: Plan::with(vec![0, count], 1),
+            slabs: Vec::new(),
+            before: zeros(),
+            now: zeros(),
+            next: zeros(),
+            velocities: vec![DVec3::ZERO; count],
+            lag: None,
+            steps: 0,
+        };
+        body.share_out(model.shape.size[0], slabs);
+        body.free_particles();
+        body
+    }
+
+    /// Shares the rows, of `row` particles each, out in slabs.
+    fn share_out(&mut self, row: usize, slabs: usize) {
+        let count = self.rest.len();
+        let has = |i: &usize| self.masses[*i] > 0.0;
+        let total = (0..count).filter(has).count();
+        let (mut starts, mut done) = (vec![0], 0);
+        for y in 1..count / row.max(1) {
+            done += ((y - 1) * row..y * row).filter(has).count();
+            if starts.len() < slabs && done * slabs >= starts.len() * total {
+                starts.push(y * row);
+            }
+        }
+        starts.push(count);
+        let chunks = starts.len() - 1;
+        self.plan = Plan::with(starts, chunks);
+        // Particles one after the other, and what lies between where that is little: springs that
+        // are not there cost less than to begin a run.
+        let mut runs: Vec<Range<usize>> = Vec::new();
+        let mut slab = 0;
+        for i in (0..count).filter(has) {
+            let here = self.plan.chunk_of(i);
+            match runs.last_mut() {
+                Some(run) if i - run.end <= GAP && here == slab => run.end = i + 1,
+                _ => runs.push(i..i + 1),
+            }
+            slab = here;
+        }
+        let slabs = (0..chunks).map(|c| {
+            let mine = self.plan.range(c);
+            let mut list = Vec::new();
+            for (kind, k) in self.kinds.iter().enumerate() {
+                for run in &runs {
+                    within(run, kind, k.offset, &mine, &mut list);
+                }
+            }
+            list.sort_by_key(|r: &Run| (r.first, r.kind));
+            let longest = list.iter().map(|r| r.count).max().unwrap_or(0);
+            let particles = runs.iter().filter(|r| mine.contains(&r.start));
+            Slab::new(list, particles.cloned().collect(), mine.len(), longest)
+        });
+        self.slabs = slabs.collect();
+    }
+
+    fn free_particles(&mut self) {
+        for (i, inverse) in self.inverse.iter_mut().enumerate() {
+            let free = self.masses[i] > 0.0 && !self.pinned[i];
+            *inverse = T::of(if free {
+                self.mean_mass / self.masses[i]
+            } else {
+                0.0
+            });
+        }
+        for a in &self.attachments {
+            if let Attachment::Hold { node, .. } = a {
+                self.inverse[*node as usize] = T::ZERO;
+            }
+        }
+    }
+
+    /// Steps taken.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Says which particles are pinned.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of flags.
+    pub fn set_pinned(&mut self, pinned: &[bool]) -> Result<()> {
+        self.check("pins", pinned.len())?;
+        self.pinned.copy_from_slice(pinned);
+        self.free_particles();
+        Ok(())
+    }
+
+    /// Sets gravity, m/s².
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.gravity = gravity;
+    }
+
+    /// Sets the external force on every particle, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        self.check_vectors("forces", forces)?;
+        self.external.copy_from_slice(forces);
+        let some = forces.iter().any(|f| *f != DVec3::ZERO);
+        let axis = |a: usize| forces.iter().map(|f| T::of(f[a] / self.length)).collect();
+        self.forces = some.then(|| std::array::from_fn(axis));
+        Ok(())
+    }
+
+    /// Replaces the springs of every particle: those that a cut has left.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of them, or springs that there were not.
+    pub fn set_springs(&mut self, springs: &[u32]) -> Result<()> {
+        self.check("springs", springs.len())?;
+        let new =
+            |i: usize| springs[i] & 0x1_5555 != 0 && self.masses[i] == 0.0 || springs[i] >> 18 != 0;
+        if let Some(i) = (0..springs.len()).find(|i| new(*i)) {
+            return Err(Error::Input(format!(
+                "particle {i} cannot have the springs {:#x}",
+                springs[i]
+            )));
+        }
+        self.springs.copy_from_slice(springs);
+        Ok(())
+    }
+
+    /// Sets what holds particles and pulls at them, in place of what did.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for attachments that make no sense.
+    pub fn set_attachments(&mut self, attachments: &[Attachment]) -> Result<()> {
+        check_attachments(attachments, self.rest.len())?;
+        self.attachments = attachments.to_vec();
+        self.free_particles();
+        for a in attachments {
+            if let Attachment::Hold { node, place } = a {
+                let i = *node as usize;
+                let u = (*place - self.rest[i]) / self.length;
+                for axis in 0..3 {
+                    self.now[axis][i] = T::of(u[axis]);
+                    self.before[axis][i] = T::of(u[axis]);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn displacement(&self, axes: &Axes<T>, i: usize) -> DVec3 {
+        DVec3::new(axes[0][i].wide(), axes[1][i].wide(), axes[2][i].wide()) * self.length
+    }
+
+    /// Positions, m from the frame's origin.
+    pub fn positions(&self) -> Vec<DVec3> {
+        let particles = self.rest.iter().enumerate();
+        particles
+            .map(|(i, x)| *x + self.displacement(&self.now, i))
+            .collect()
+    }
+
+    /// Velocities, m/s: the mean over the last step, or what was set before the first.
+    pub fn velocities(&self) -> Vec<DVec3> {
+        match self.lag {
+            None => self.velocities.clone(),
+            Some(h) => (0..self.rest.len())
+                .map(|i| {
+                    let [now, before] = [&self.now, &self.before];
+                    (self.displacement(now, i) - self.displacement(before, i)) / h
+                })
+                .collect(),
+        }
+    }
+
+    /// Energy of motion, Σ ½mv² of the mean velocity over the last step, J; zero before the first.
+    pub fn kinetic_energy(&self) -> f64 {
+        let Some(h) = self.lag else {
+            return 0.0;
+        };
+        let unit = self.length / h;
+        let mut sum = 0.0;
+        for (i, m) in self.masses.iter().enumerate().filter(|(_, m)| **m > 0.0) {
+            let moved = |a: usize| (self.now[a][i] - self.before[a][i]).wide();
+            let square: f64 = (0..3).map(|a| moved(a) * moved(a)).sum();
+            sum += 0.5 * m * square;
+        }
+        sum * unit * unit
+    }
+
+    /// Puts the particles at positions (m from the frame's origin) with velocities (m/s): the next
+    /// step is a first one.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for wrong numbers of them, or any that is not finite.
+    pub fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        self.check_vectors("positions", positions)?;
+        self.check_vectors("velocities", velocities)?;
+        for (i, x) in positions.iter().enumerate() {
+            let u = (*x - self.rest[i]) / self.length;
+            for axis in 0..3 {
+                self.now[axis][i] = T::of(u[axis]);
+            }
+        }
+        self.velocities.copy_from_slice(velocities);
+        self.lag = None;
+        Ok(())
+    }
+
+    /// The state, to the bit.
+    pub fn state(&self) -> ParticlesState<T> {
+        ParticlesState {
+            u: [self.now.clone(), self.before.clone()],
+            velocities: self.velocities.iter().map(|v| v.to_array()).collect(),
+            lag: self.lag,
+            steps: self.steps,
+        }
+    }
+
+    /// Goes on from a state that [`Particles::state`] gave of this body or of one made in the same
+    /// way.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for the state of another body.
+    pub fn resume(&mut self, state: &ParticlesState<T>) -> Result<()> {
+        for axes in &state.u {
+            for a in axes {
+                self.check("displacements", a.len())?;
+            }
+        }
+        self.check("velocities", state.velocities.len())?;
+        self.now.clone_from(&state.u[0]);
+        self.before.clone_from(&state.u[1]);
+        self.velocities = state.velocities.iter().map(|v| DVec3::from(*v)).collect();
+        self.lag = state.lag;
+        self.steps = state.steps;
+        Ok(())
+    }
+
+    fn check(&self, what: &str, given: usize) -> Result<()> {
+        match given == self.rest.len() {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "{given} {what} are given for a grid of {} particles",
+                self.rest.len()
+            ))),
+        }
+    }
+
+    fn check_vectors(&self, what: &str, given: &[DVec3]) -> Result<()> {
+        self.check(what, given.len())?;
+        match given.iter().position(|v| !v.is_finite()) {
+            None => Ok(()),
+            Some(i) => Err(Error::Input(format!(
+                "the {what} of particle {i} are no numbers"
+            ))),
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Loads on their way to the thread that steps a body.
+
+use super::loads::Attachment;
+use super::worker::{Errand, LoadChange, Stepped, Worker};
+use crate::Result;
+use crate::physics::loads::LoadVersions;
+use crate::physics::{Grip, Loads};
+use glam::DVec3;
+
+/// Sends the loads that have changed since those of the versions in `sent`.
+pub(super) fn send_loads<B: Stepped>(
+    loads: &Loads,
+    sent: &mut Option<LoadVersions>,
+    worker: &mut Worker<B>,
+) -> Result<()> {
+    let versions = loads.versions;
+    if *sent == Some(versions) {
+        return Ok(());
+    }
+    let known = *sent;
+    let differs = |of: fn(&LoadVersions) -> u64| known.is_none_or(|k| of(&k) != of(&versions));
+    let change = LoadChange {
+        gravity: loads.gravity(),
+        pinned: differs(|v| v.held).then(|| loads.pinned().to_vec()),
+        forces: differs(|v| v.forces).then(|| loads.forces().to_vec()),
+        attachments: differs(|v| v.grabs).then(|| attachments(loads)),
+    };
+    *sent = Some(versions);
+    worker.ask(Errand::Loads(Box::new(change)))
+}
+
+/// The nodes that grabs hold or pull, in metres.
+pub(super) fn attachments(loads: &Loads) -> Vec<Attachment> {
+    let (frame, unit) = loads.frame_and_unit();
+    let metres = |p: DVec3| (p - frame.origin) * unit;
+    let mut all = Vec::new();
+    for grab in loads.grabs.iter() {
+        let share = grab.nodes.len() as f64;
+        for (node, offset) in grab.nodes.iter().zip(&grab.offsets) {
+            let place = metres(grab.target + *offset);
+            all.push(match grab.grip {
+                Grip::Follow => Attachment::Hold { node: *node, place },
+                Grip::Spring { stiffness, limit } => Attachment::Pull {
+                    node: *node,
+                    target: place,
+                    stiffness: stiffness / share,
+                    limit: limit / share,
+                },
+            });
+        }
+    }
+    all
+}
