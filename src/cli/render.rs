@@ -72,7 +72,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     }
     outcome?;
     if let Some(pixel) = arguments.pick {
-        println!("{:#}", picked(&stage, pixel)?);
+        println!("{:#}", picked(&mut stage, pixel)?);
     }
     if arguments.measure.repeat.is_some() || arguments.measure.report.is_some() {
         let frames = arguments.measure.repeat.unwrap_or(1);
@@ -94,7 +94,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
 }
 
 /// What is seen at `pixel`, or null.
-fn picked(stage: &Stage, pixel: DVec2) -> palpate::Result<Value> {
+fn picked(stage: &mut Stage, pixel: DVec2) -> palpate::Result<Value> {
     let Some(pick) = stage.pick(pixel)? else {
         return Ok(Value::Null);
     };

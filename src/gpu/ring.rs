@@ -31,6 +31,11 @@ impl Ring {
         }
     }
 
+    /// Forgets the copies on their way.
+    pub fn clear(&mut self) {
+        self.flying.clear();
+    }
+
     /// How many copies are on their way.
     pub fn flying(&self) -> usize {
         self.flying.len()
@@ -77,6 +82,10 @@ impl Ring {
         let told = receiver.get_mut().map(|r| r.try_recv());
         match told {
             Ok(Ok(mapped)) => mapped.map_err(|e| lost(e.to_string()))?,
+            Ok(Err(TryRecvError::Empty)) if wait => {
+                let why = "a browser cannot wait for the device; look again later";
+                return Err(Error::Gpu(why.into()));
+            }
             Ok(Err(TryRecvError::Empty)) => return Ok(None),
             Ok(Err(TryRecvError::Disconnected)) | Err(_) => {
                 return Err(lost("a copy never came back".into()));

@@ -152,14 +152,15 @@ impl Body {
     /// # Errors
     /// What the device refuses.
     pub fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
-        self.terms.push(term);
+        // A term without its file in `shaders/terms` is refused here, not in the middle of a run.
+        crate::gpu::compose(&format!("physics/forces {}", term.name()))?;
         let (frame, unit) = self.loads.frame_and_unit();
-        let numbers: Vec<[f32; 4]> = self
-            .terms
-            .iter()
+        let all = self.terms.iter().chain([&term]);
+        let numbers: Vec<[f32; 4]> = all
             .flat_map(|t| t.numbers(&frame, &self.units, unit))
             .collect();
         self.node_terms = Some(self.gpu.buffer_of("numbers of terms", &numbers)?);
+        self.terms.push(term);
         self.generation += 1;
         self.changed();
         Ok(())
@@ -382,14 +383,16 @@ impl Body {
     /// Uploads what was changed on the CPU only.
     pub(super) fn flush(&mut self) -> Result<()> {
         let versions = self.loads.versions;
-        if self.written == Some(versions) {
+        let stale = self.grabs.draws() && self.grabs.made_of[1] != versions.forces;
+        if self.written == Some(versions) && !stale {
             return Ok(());
         }
         let known = self.written.unwrap_or_default();
         let first = self.written.is_none();
         let grabs = known.grabs != versions.grabs;
         let forces = known.forces != versions.forces;
-        if grabs || (forces && self.grabs.draws()) {
+        let listed = self.grabs.made_of;
+        if grabs || (self.grabs.draws() && listed != [versions.grabs, versions.forces]) {
             self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
         }
         if forces || (grabs && !first) {

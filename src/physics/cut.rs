@@ -73,6 +73,9 @@ impl Body {
             return self.check_mesh(mesh);
         }
         let springs = self.network.follow(mesh, &self.material, cut)?;
+        // Pins and releases that the GPU has not yet are sent with the next step, all together.
+        let held = self.loads.versions.held;
+        let known = self.written.is_some_and(|written| written.held == held);
         self.double(cut, positions)?;
         let frame = self.nodes.frame();
         let rest = |v: u32| frame.to_local(mesh.nodes[v as usize]);
@@ -91,7 +94,7 @@ impl Body {
             };
             let masses: Vec<[f32; 2]> = cut.nodes.iter().map(mass).collect();
             self.gpu.put(&self.masses, &cut.nodes, &masses)?;
-            if let Some(written) = self.written.as_mut().filter(|_| !self.loads.grabs.any()) {
+            if let (true, Some(written)) = (known && !self.loads.grabs.any(), &mut self.written) {
                 written.held = self.loads.versions.held;
             }
         } else {

@@ -11,7 +11,7 @@ use std::fmt;
 use std::str::FromStr;
 
 /// What computes the steps of a body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Engine {
     /// Compute passes on the graphics device.

@@ -93,7 +93,7 @@ impl Simulator for GpuTets {
     }
 
     fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
-        self.finish()?;
+        // What was asked of the solver there was, and what became of it, goes with it.
         self.solver = match kind {
             SolverKind::Implicit => Box::new(ImplicitEuler::with(&self.gpu, &self.body, settings)?),
             kind => kind.solver(&self.gpu, &self.body)?,

@@ -26,6 +26,8 @@ mod gpu_data {
 /// The lists, as of some version of the loads.
 #[derive(Debug, Default)]
 pub(super) struct GrabLists {
+    /// Versions of grabs and forces.
+    pub made_of: [u64; 2],
     held: Option<[Array; 2]>,
     drawn: Option<[Array; 3]>,
 }
@@ -56,7 +58,9 @@ impl GrabLists {
                 }
             }
         }
+        let versions = loads.versions;
         Ok(GrabLists {
+            made_of: [versions.grabs, versions.forces],
             held: match held.is_empty() {
                 true => None,
                 false => Some([

@@ -2,8 +2,9 @@
 //! `shaders/lib/status.wgsl`.
 
 use super::units::Units;
-use super::{Body, SolverKind, SpringNetwork, largest_stable_step};
+use super::{Body, NodeTerm, SolverKind, SpringNetwork, largest_stable_step, with_terms};
 use crate::{Error, FailureCause};
+use std::sync::Arc;
 
 /// Steps in the history ring.
 pub(super) const HISTORY: u32 = 1024;
@@ -176,7 +177,12 @@ impl Status {
             time: clock.time(),
             cause,
             what,
-            advice: advice(kind, clock.dt(), &body.network, body.pinned()),
+            advice: advice(
+                kind,
+                clock.dt(),
+                (&body.network, body.terms()),
+                body.pinned(),
+            ),
         })
     }
 }
@@ -194,10 +200,11 @@ pub(super) const ENERGY_FLOOR: f64 = 1e-9;
 pub(super) fn advice(
     kind: SolverKind,
     dt: f64,
-    network: &SpringNetwork,
+    (network, terms): (&SpringNetwork, &[Arc<dyn NodeTerm>]),
     pinned: &[bool],
 ) -> String {
-    match largest_stable_step(network, pinned, kind) {
+    let limit = largest_stable_step(network, pinned, kind);
+    match limit.map(|limit| with_terms(limit, network, terms)) {
         None => format!(
             "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
         ),

@@ -14,13 +14,16 @@ use std::sync::Arc;
 /// A body and what moves it.
 ///
 /// Places are in file units, velocities in file units a second, forces in newtons; nodes are those
-/// of [`Simulator::mesh`]. Steps are asked for with [`Simulator::advance`], which never waits, and
-/// are done behind the caller's back: [`Simulator::progress`] looks how far they are, and
-/// [`Simulator::finish`] waits. When a step fails, the body stays as it was before it, and can
-/// still be read and drawn; changing state, loads or pins clears the failure.
+/// of [`Simulator::mesh`]. Steps are asked for with [`Simulator::advance`];
+/// [`Simulator::progress`] looks how far they are, without waiting, and [`Simulator::finish`]
+/// waits. A body on the CPU goes on by itself in between; one on the GPU is given its next steps by
+/// either. When a step fails, those left are dropped and the body stays as it was before it (a grid
+/// body: before the last 256 at most), and can still be read and drawn; changing state, loads or
+/// pins clears the failure. What acts on the body is taken over with steps that come after.
 ///
 /// Who draws the body takes [`Simulator::nodes`] after [`Simulator::publish`]; their version tells
-/// whether they have moved.
+/// whether they have moved. A grid body on the GPU may be drawn before its last steps were found
+/// sound.
 pub trait Simulator: Send {
     /// By which scheme it steps.
     fn integrator(&self) -> SolverKind;
@@ -65,7 +68,8 @@ pub trait Simulator: Send {
     /// The largest stable step of its scheme at rest, s; none where any step is stable.
     fn largest_stable_step(&self) -> Option<f64>;
 
-    /// Asks for `steps` more steps of `dt` seconds.
+    /// Asks for `steps` more steps of `dt` seconds. Waits for nothing but steps that were recorded
+    /// by [`Simulator::record`] before.
     ///
     /// # Errors
     /// [`Error::Input`] for a step that makes no sense; otherwise what the

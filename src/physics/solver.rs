@@ -15,7 +15,8 @@ pub trait Solver: Send {
     /// Which solver it is.
     fn kind(&self) -> SolverKind;
 
-    /// Records `steps` steps of `dt` seconds. To be submitted before anything of `body` is
+    /// Records `steps` steps of `dt` seconds, after waiting for those that [`Solver::advance`] was
+    /// asked for. To be submitted before anything of `body` is
     /// changed; long runs are better split (see [`Solver::run`]). An implicit step that needs more
     /// than 256 iterations goes on with those of the next step recorded.
     ///

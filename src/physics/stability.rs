@@ -24,6 +24,9 @@ pub fn largest_stable_step(
 /// A step that stays stable with `terms` where `limit` is without: their largest ω² is added to
 /// that of the springs, ω = 2/h.
 pub(super) fn with_terms(limit: f64, network: &SpringNetwork, terms: &[Arc<dyn NodeTerm>]) -> f64 {
+    if limit == 0.0 {
+        return 0.0;
+    }
     let masses = || network.masses.iter().filter(|m| **m > 0.0);
     let squares = terms.iter().map(|term| {
         let each = masses().map(|m| term.stiffness(*m) / m);

@@ -8,7 +8,7 @@
 use super::grab_lists::GrabLists;
 use super::guard::gpu_data::Status;
 use super::guard::{Clock, HISTORY};
-use super::loads::LoadsState;
+use super::loads::{LoadVersions, LoadsState};
 use super::step::Timing;
 use super::stepper::{Scheme, Stepper};
 use super::{Body, GrabId, Grip};
@@ -44,6 +44,8 @@ pub struct BodyState {
     /// Changes of positions and velocities from outside.
     moves: u64,
     loads: LoadsState,
+    /// The loads that the GPU had.
+    written: Option<LoadVersions>,
 }
 
 /// The state of a [`Solver`](super::Solver): see [`Solver::state`](super::Solver::state).
@@ -90,6 +92,7 @@ impl Body {
             generation: self.generation,
             moves: self.moves,
             loads: self.loads.state(),
+            written: self.written,
         })
     }
 
@@ -102,7 +105,7 @@ impl Body {
     pub fn set_state(&mut self, state: &BodyState) -> Result<()> {
         if state.generation != self.generation {
             return Err(Error::Input(format!(
-                "the state of a body that was cut {} times does not fit one that was cut {} times",
+                "the state of a body that was cut, or given terms, {} times does not fit one of {} times",
                 state.generation, self.generation
             )));
         }
@@ -113,7 +116,7 @@ impl Body {
         // All but the external forces, which grabs and callers write on the GPU, is made again.
         self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
         self.flush_masses()?;
-        self.written = Some(self.loads.versions);
+        self.written = state.written;
         self.moves = state.moves;
         Ok(())
     }
@@ -172,6 +175,7 @@ impl<S: Scheme> Stepper<S> {
         queue.write_buffer(&self.core.history, 0, bytemuck::cast_slice(&state.history));
         self.clock = state.clock.clone();
         self.iterations = state.iterations;
+        self.forget();
         self.unseen = false;
         self.prepared = None;
         if state.generation != body.generation {

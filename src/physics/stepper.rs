@@ -121,12 +121,7 @@ impl<S: Scheme> Stepper<S> {
         body: &mut Body,
         dt: f64,
     ) -> Result<(&Prepared, Start)> {
-        let local_dt = (dt / body.units.time) as f32;
-        if !(dt > 0.0 && dt.is_finite() && local_dt.is_normal()) {
-            return Err(Error::Input(format!(
-                "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
-            )));
-        }
+        let local_dt = Self::check_step(body, dt)?;
         if body.id != self.core.body {
             return Err(Error::Input(
                 "a solver steps the body it was made for; make one for each body".into(),
@@ -244,6 +239,24 @@ impl<S: Scheme> Stepper<S> {
         by_visits.min(DISPATCHES / passes).clamp(1, HISTORY)
     }
 
+    /// Forgets what was asked for, and what is on its way.
+    pub(super) fn forget(&mut self) {
+        self.errands.clear();
+        self.ring.clear();
+        self.last = None;
+    }
+
+    /// The step in local units.
+    fn check_step(body: &Body, dt: f64) -> Result<f32> {
+        let local_dt = (dt / body.units.time) as f32;
+        match dt > 0.0 && dt.is_finite() && local_dt.is_normal() {
+            true => Ok(local_dt),
+            false => Err(Error::Input(format!(
+                "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
+            ))),
+        }
+    }
+
     /// Submits as many of the steps asked for as fit, where none are under way.
     fn launch(&mut self, body: &mut Body) -> Result<()> {
         let Some((end, dt)) = self.errands.front().copied() else {
@@ -253,7 +266,7 @@ impl<S: Scheme> Stepper<S> {
             return Ok(());
         }
         let before = self.clock.steps();
-        let left = (end - before).min(u64::from(HISTORY)) as u32;
+        let left = end.saturating_sub(before).min(u64::from(HISTORY)) as u32;
         let chunk = left.min(self.chunk(self.iterations));
         let mut work = self.core.gpu.record();
         self.record_steps(&mut work, body, chunk, dt, self.iterations)?;
@@ -277,13 +290,12 @@ impl<S: Scheme> Stepper<S> {
         }
         self.last = Some(status.progress(&self.clock, &body.units));
         self.adapt(status.iterations, self.clock.steps() == self.expected);
-        if self
+        let done = self.clock.steps();
+        while self
             .errands
-            .front()
-            .is_some_and(|e| e.0 <= self.clock.steps())
-        {
-            self.errands.pop_front();
-        }
+            .pop_front_if(|errand| errand.0 <= done)
+            .is_some()
+        {}
         Ok(())
     }
 
@@ -316,11 +328,15 @@ impl<S: Scheme> Solver for Stepper<S> {
     }
 
     fn record(&mut self, work: &mut Recorder, body: &mut Body, steps: u32, dt: f64) -> Result<()> {
+        if !self.errands.is_empty() {
+            self.finish(body)?;
+        }
         let iterations = self.scheme.max_iterations().min(RECORDED_ITERATIONS);
         self.record_steps(work, body, steps, dt, iterations)
     }
 
     fn advance(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<()> {
+        Self::check_step(body, dt)?;
         if self.unseen && self.ring.flying() == 0 {
             // Recorded by the caller: how far they came is not known yet.
             self.look()?;
@@ -329,22 +345,18 @@ impl<S: Scheme> Solver for Stepper<S> {
         if steps > 0 {
             self.errands.push_back((from + u64::from(steps), dt));
         }
-        let launched = self.launch(body);
-        if launched.is_err() {
-            self.errands.clear();
-        }
-        launched
+        self.launch(body).inspect_err(|_| self.errands.clear())
     }
 
     fn progress(&mut self, body: &mut Body) -> Result<Option<Progress>> {
         self.land(body, false)?;
-        self.launch(body)?;
+        self.launch(body).inspect_err(|_| self.errands.clear())?;
         Ok(self.last)
     }
 
     fn finish(&mut self, body: &mut Body) -> Result<Progress> {
         while !self.errands.is_empty() {
-            self.launch(body)?;
+            self.launch(body).inspect_err(|_| self.errands.clear())?;
             self.land(body, true)?;
         }
         match self.last {

@@ -8,7 +8,7 @@
 use super::stage::{Drive, Stage};
 use super::{Run, Scene};
 use crate::mesh::{Blade, TetMesh};
-use crate::physics::{GrabId, Pose, Progress, SimulatorState};
+use crate::physics::{Engine, GrabId, Pose, Progress, SimulatorState};
 use crate::scene::sleep::Sleep;
 use crate::{Error, Result};
 use flate2::Crc;
@@ -19,7 +19,7 @@ use std::path::Path;
 
 /// The first line of the file: what it is, and the version of Palpate that wrote it. Another
 /// version steps and cuts in its own way.
-const FIRST_LINE: &str = concat!("palpate checkpoint 1 ", env!("CARGO_PKG_VERSION"), "\n");
+const FIRST_LINE: &str = concat!("palpate checkpoint 2 ", env!("CARGO_PKG_VERSION"), "\n");
 
 /// A cut that was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,6 +51,7 @@ pub struct Checkpoint {
     scene: u32,
     mesh: u32,
     adapter: String,
+    engine: Engine,
     run: Option<Run>,
     times: Vec<f64>,
     cuts: Vec<CutMade>,
@@ -205,6 +206,7 @@ impl Stage {
             scene: journal.scene,
             mesh: journal.mesh,
             adapter: self.gpu.adapter_name(),
+            engine: motion.engine(),
             run: self.scene.solver.run,
             times: times.to_vec(),
             cuts: journal.cuts.clone(),
@@ -244,6 +246,14 @@ impl Stage {
         }
         if journal.mesh != checkpoint.mesh {
             return other("mesh, or this one was changed since");
+        }
+        if let Some(motion) = self.motion()
+            && motion.engine() != checkpoint.engine
+        {
+            let engine = checkpoint.engine;
+            return Err(Error::Input(format!(
+                "the checkpoint is of steps on the {engine}; run with --engine {engine}, or without --resume to start afresh"
+            )));
         }
         for cut in &checkpoint.cuts {
             let edges: Vec<[DVec3; 2]> = cut.edges.iter().map(|e| e.map(DVec3::from)).collect();

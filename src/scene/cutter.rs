@@ -6,8 +6,6 @@ use super::picture::DisplayMode;
 use super::skin::carrier;
 use super::stage::{Drive, Stage};
 use crate::mesh::Blade;
-#[allow(unused_imports)]
-use crate::physics::Simulator;
 use crate::skin::{Skin, SkinColour};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -88,7 +86,8 @@ impl Stage {
     /// its skins. Returns whether anything was hit.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body that nothing moves; otherwise as [`Simulator::cut`].
+    /// [`Error::Input`] for a body that nothing moves; otherwise as
+    /// [`Simulator::cut`](crate::physics::Simulator::cut).
     pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
         if self.motion().is_none() {
             return Err(Error::Input(

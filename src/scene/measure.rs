@@ -86,6 +86,7 @@ impl Stage {
     /// As [`Stage::image`] and [`Stage::run`].
     pub fn measure(&mut self, frames: u32) -> Result<StageReport> {
         let frames = frames.max(1);
+        self.publish_now()?;
         let passes_recorded = self.gpu.passes_recorded();
         let [pictures_drawn, pictures_kept] = self.pictures;
         let state = self.motion().map(Motion::report).transpose()?;

@@ -215,7 +215,7 @@ impl Scene {
             )));
         }
         Ok(match self.solver.engine.unwrap_or_default().engine(gpu) {
-            Engine::Gpu => Box::new(GpuGrid::new(gpu, GridBody::new(gpu, model)?, mesh)),
+            Engine::Gpu => Box::new(GpuGrid::new(gpu, GridBody::new(gpu, model)?, mesh)?),
             Engine::Cpu => Box::new(CpuGrid::<f32>::new(gpu, model, mesh)?),
         })
     }
@@ -371,6 +371,11 @@ impl Scene {
         for entry in &self.force {
             let nodes = entry.on.nodes(mesh)?.into_iter();
             let nodes: Vec<u32> = nodes.filter(has).collect();
+            if nodes.is_empty() {
+                return Err(Error::Input(
+                    "a [[force]] acts on nodes without mass only; choose others with `on`".into(),
+                ));
+            }
             for v in &nodes {
                 forces[*v as usize] += DVec3::from(entry.total) / nodes.len() as f64;
             }

@@ -5,7 +5,6 @@ use super::cutter::Cutter;
 use super::picture::{DisplayMode, SIZE};
 use super::skin::carrier;
 use super::{Motion, ScalarField, Scene};
-use crate::Result;
 use crate::gpu::{Gpu, Recorder};
 use crate::io::PvdSeries;
 use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
@@ -15,6 +14,7 @@ use crate::render::{
     Background, BitDepth, Camera, Image, Mode, Pick, Raycaster, Surface, SurfaceTarget, Target,
 };
 use crate::skin::{Composer, Skin};
+use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
 /// Steps before a picture where a scene names a solver but no number of steps.
@@ -127,8 +127,9 @@ impl Stage {
         let mut notes = mesh.repairs.warnings.clone();
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
         let solver = solver.transpose()?;
-        let still = "nothing moves, so grabs and cuts are passed over: name a solver";
-        if solver.is_none() && !(scene.grab.is_empty() && scene.cut.is_empty()) {
+        let still = "nothing moves, so grabs, cuts and floors are passed over: name a solver";
+        let asked = !(scene.grab.is_empty() && scene.cut.is_empty()) || scene.floor.is_some();
+        if solver.is_none() && asked {
             notes.push(still.into());
         }
         let (drive, said) = match solver {
@@ -309,10 +310,24 @@ impl Stage {
         }
     }
 
+    /// Brings the nodes that are drawn to where the body is, at once.
+    pub(super) fn publish_now(&mut self) -> Result<()> {
+        let mut work = self.gpu.record();
+        self.publish(&mut work)?;
+        work.submit()
+    }
+
     /// Brings the nodes that are drawn to where the body is.
     pub(super) fn publish(&mut self, work: &mut Recorder) -> Result<()> {
         if let Drive::Simulated(motion) = &mut self.drive {
             motion.simulator.publish(work)?;
+        }
+        let (geometry, mesh) = (self.raycaster.geometry(), self.drive.mesh());
+        let drawn = [geometry.positions().len(), geometry.tet_count()].map(|n| n as usize);
+        if drawn != [mesh.nodes.len(), mesh.tets.len()] {
+            return Err(Error::Input(
+                "the body was cut without the stage, which cannot draw it any more; cut it with Stage::cut".into(),
+            ));
         }
         Ok(())
     }
@@ -322,7 +337,8 @@ impl Stage {
     ///
     /// # Errors
     /// As [`Geometry::pick`](crate::render::Geometry::pick).
-    pub fn pick(&self, pixel: DVec2) -> Result<Option<Pick>> {
+    pub fn pick(&mut self, pixel: DVec2) -> Result<Option<Pick>> {
+        self.publish_now()?;
         self.raycaster
             .geometry()
             .pick(&self.camera, pixel, self.size)
@@ -334,9 +350,7 @@ impl Stage {
     /// # Errors
     /// As [`Raycaster::image`].
     pub fn image(&mut self) -> Result<Image> {
-        let mut work = self.gpu.record();
-        self.publish(&mut work)?;
-        work.submit()?;
+        self.publish_now()?;
         let version = self.drive.nodes().version();
         if let Some(cached) = &self.cached
             && (cached.version, cached.camera) == (version, self.camera)

@@ -35,10 +35,10 @@ pub struct CpuBody<T: Real> {
     pub(super) masses: Vec<T>,
     pub(super) inverse: Vec<T>,
     pub(super) free: Vec<T>,
-    pinned: Vec<bool>,
-    attachments: Vec<Attachment>,
-    gravity: DVec3,
-    external: Vec<DVec3>,
+    pub(super) pinned: Vec<bool>,
+    pub(super) attachments: Vec<Attachment>,
+    pub(super) gravity: DVec3,
+    pub(super) external: Vec<DVec3>,
     pub(super) loads: Loads<T>,
     pub(super) terms: Vec<Box<dyn Term<T>>>,
     pub(super) now: Motion<T>,
@@ -186,6 +186,11 @@ impl<T: Real> CpuBody<T> {
     /// How the nodes are shared out.
     pub fn plan(&self) -> &Plan {
         &self.plan
+    }
+
+    /// In how many chunks its nodes are shared out.
+    pub fn parts(&self) -> usize {
+        self.plan.chunks()
     }
 
     /// What a term is made for: the order of the nodes, the units, how they are shared out.

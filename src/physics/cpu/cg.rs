@@ -7,7 +7,7 @@ use super::pool::{Groups, Nodes, Plan};
 use super::real::Real;
 use super::sum::dot;
 use super::terms::Term;
-use super::vectors::{Columns, V4, add, add_scaled, apply, scale, sub, total, zero};
+use super::vectors::{Columns, V4, add, add_scaled, scale, total, zero};
 
 /// The matrix A.
 pub struct Matrix<'a, T> {
@@ -33,7 +33,7 @@ impl<T: Real> Matrix<'_, T> {
                 term.multiply(chunk, p, y.0);
             }
             for (y, free) in y.0.iter_mut().zip(&self.free[nodes]) {
-                *y = scale(*free, *y);
+                *y = [*free * y[0], *free * y[1], *free * y[2], T::ZERO];
             }
             [dot(p_here, y.0)]
         });
@@ -210,6 +210,7 @@ impl<T: Real> Solver<T> {
             Nodes(&mut self.smoothed),
             Groups(&mut self.forces),
         );
+        let step = alpha.splat();
         let [sum] = plan.each(data, &|chunk, nodes, (x, r, z, forces)| {
             let mut sum = 0.0;
             for (g, force) in plan.groups_of(chunk).zip(forces.0) {
@@ -218,17 +219,18 @@ impl<T: Real> Solver<T> {
                 let (x, r) = (&mut x.0[mine.clone()], &mut r.0[mine.clone()]);
                 let (z, first) = (&mut z.0[mine], here.start);
                 let steps = p[here.clone()].iter().zip(&q[here.clone()]);
-                let mut lanes: V4<T> = zero();
+                let mut lanes = T::ZERO.splat();
                 let state = x.iter_mut().zip(&mut *r).zip(z);
                 for (((x, r), z), ((p, q), m)) in state.zip(steps.zip(&inverse[here])) {
-                    *x = add_scaled(*x, alpha, *p);
-                    *r = sub(*r, scale(alpha, *q));
-                    *z = apply(m, *r);
-                    for n in 0..4 {
-                        lanes[n] += z[n] * r[n];
-                    }
+                    *x = T::array(T::lanes(x) + step * T::lanes(p));
+                    let rest = T::lanes(r) - step * T::lanes(q);
+                    *r = T::array(rest);
+                    let smooth = (T::lanes(&m[0]) * r[0].splat() + T::lanes(&m[1]) * r[1].splat())
+                        + T::lanes(&m[2]) * r[2].splat();
+                    *z = T::array(smooth);
+                    lanes = lanes + smooth * rest;
                 }
-                sum += total(lanes);
+                sum += total(T::array(lanes));
                 if let Some(coarse) = coarse {
                     *force = coarse.restrict(first, r);
                 }

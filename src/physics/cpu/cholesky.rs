@@ -145,9 +145,10 @@ impl<T: Real> Cholesky<T> {
                 let end = self.starts[j as usize + 1];
                 let (done, open) = self.work.split_at_mut(own.start);
                 let across = &done[at as usize];
-                for m in at as usize..end {
-                    let place = self.places[self.rows[m] as usize] as usize;
-                    subtract_product(&done[m], across, &mut open[place - own.start]);
+                let below = at as usize..end;
+                for (block, row) in done[below.clone()].iter().zip(&self.rows[below]) {
+                    let place = self.places[*row as usize] as usize;
+                    subtract_product(block, across, &mut open[place - own.start]);
                 }
             }
             let Some(inverse) = inverse_factor(&self.work[own.start]) else {
@@ -204,13 +205,10 @@ impl<T: Real> Cholesky<T> {
                 mine[c] -= (s[0] + s[1]) + (s[2] + s[3]) + (s[4] + s[5]);
             }
             let mut out = [T::ZERO; 8];
-            for c in 0..N {
-                let column = &self.kept[from][c];
-                let mut sum = T::ZERO;
-                for r in 0..N {
-                    sum += column[r] * mine[r];
+            for (o, column) in out.iter_mut().zip(&self.kept[from]) {
+                for (c, m) in column.iter().zip(&mine) {
+                    *o += *c * *m;
                 }
-                out[c] = sum;
             }
             y[k] = out;
         }
@@ -282,18 +280,18 @@ fn inverse_factor(a: &Block) -> Option<Block> {
             return None;
         }
         let root = l[k][k].sqrt();
-        for i in k..N {
-            l[k][i] /= root;
+        for entry in &mut l[k][k..] {
+            *entry /= root;
         }
     }
     let mut inverse = [[0.0; N]; N];
-    for c in 0..N {
+    for (c, column) in inverse.iter_mut().enumerate() {
         for r in c..N {
             let mut sum = f64::from(u8::from(r == c));
             for k in c..r {
-                sum -= l[k][r] * inverse[c][k];
+                sum -= l[k][r] * column[k];
             }
-            inverse[c][r] = sum / l[r][r];
+            column[r] = sum / l[r][r];
         }
     }
     Some(inverse)

@@ -4,7 +4,7 @@ use super::guard::Failure;
 use super::particles::Particles;
 use super::real::Real;
 use super::sending::{attachments, send_loads};
-use super::worker::{Errand, Refusal, Worker};
+use super::worker::{Errand, Refusal, Span, Worker};
 use crate::gpu::{Array, Gpu, Recorder, Texel};
 use crate::mesh::{Blade, NO_NORMAL, TetMesh, Topology, pack_normal};
 use crate::physics::grid::{GridModel, drop_tets};
@@ -46,6 +46,9 @@ pub struct CpuGridState {
     sent: Option<LoadVersions>,
     changes: u64,
     progress: Progress,
+    span: Span,
+    /// In how many parts the nodes are shared out among threads: sums depend on it.
+    parts: usize,
 }
 
 impl<T: Real> CpuGrid<T> {
@@ -53,8 +56,9 @@ impl<T: Real> CpuGrid<T> {
     /// `mesh`. `gpu` is what it is drawn on.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when its nodes do not fit the device.
+    /// [`Error::Input`] for another mesh, [`Error::Gpu`] when its nodes do not fit the device.
     pub fn new(gpu: &Gpu, model: GridModel, mesh: TetMesh) -> Result<CpuGrid<T>> {
+        model.check_mesh(&mesh)?;
         let nodes = Nodes::new(gpu, &mesh)?;
         Ok(CpuGrid {
             gpu: gpu.clone(),
@@ -74,7 +78,11 @@ impl<T: Real> CpuGrid<T> {
 
     fn error(&mut self, refusal: Refusal) -> Error {
         match refusal {
-            Refusal::Wrong(error) => error,
+            Refusal::Wrong(error) => {
+                // Loads that were refused are sent again.
+                self.sent = None;
+                error
+            }
             Refusal::Failed(Failure::BadStep { h }, ..) => Error::Input(format!(
                 "a time step of {h} s makes no sense; give a positive number of seconds"
             )),
@@ -124,6 +132,15 @@ impl<T: Real> CpuGrid<T> {
         }
     }
 
+    /// Makes the particles anew in so many parts, where they are not; their state is to be set.
+    fn share_out(&mut self, parts: usize) -> Result<()> {
+        let mut body = self.worker.body();
+        if body.parts() != parts {
+            *body = Particles::with_slabs(&self.model, parts);
+        }
+        Ok(())
+    }
+
     /// Uploads the positions of now.
     fn show(&mut self) -> Result<()> {
         self.worker.publish();
@@ -132,6 +149,9 @@ impl<T: Real> CpuGrid<T> {
 
     /// Puts the particles at positions with velocities, in file units.
     fn put(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        let frame = self.nodes.frame();
+        self.nodes
+            .check("positions", positions, |p| frame.to_local(p))?;
         let metres: Vec<DVec3> = positions.iter().map(|p| self.to_metres(*p)).collect();
         let unit = self.model.length_unit;
         let speeds: Vec<DVec3> = velocities.iter().map(|v| *v * unit).collect();
@@ -327,6 +347,8 @@ impl<T: Real> Simulator for CpuGrid<T> {
             sent: self.sent,
             changes: self.changes,
             progress: self.progress,
+            span: self.worker.span(),
+            parts: self.worker.body().parts(),
         })))
     }
 
@@ -339,7 +361,9 @@ impl<T: Real> Simulator for CpuGrid<T> {
         let kept = postcard::from_bytes(&state.particles).map_err(|_| {
             Error::Input("the state of a body of other numbers, or a damaged one".into())
         })?;
+        self.worker.rest();
         self.loads.set_state(&state.loads)?;
+        self.share_out(state.parts)?;
         {
             let mut body = self.worker.body();
             body.set_pinned(self.loads.pinned())?;
@@ -351,7 +375,7 @@ impl<T: Real> Simulator for CpuGrid<T> {
         self.sent = state.sent;
         self.changes = state.changes;
         self.progress = state.progress;
-        self.worker.set_progress(state.progress);
+        self.worker.set_progress(state.progress, state.span);
         self.show()
     }
 

@@ -22,6 +22,7 @@ mod pose;
 mod real;
 mod sending;
 mod simulator;
+mod spring_blocks;
 mod springs;
 mod state;
 mod step;

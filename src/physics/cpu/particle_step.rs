@@ -169,8 +169,9 @@ fn advance<T: Real>(
             lanes[1][k] = far.or_more(lanes[1][k]);
         }
     }
-    for k in 0..8 {
-        lost[0] += lanes[0][k];
-        lost[1] = lanes[1][k].or_more(lost[1]);
+    let [sums, farthest] = lanes;
+    for (sum, far) in sums.into_iter().zip(farthest) {
+        lost[0] += sum;
+        lost[1] = far.or_more(lost[1]);
     }
 }

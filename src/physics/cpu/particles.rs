@@ -209,6 +209,11 @@ impl<T: Real> Particles<T> {
         }
     }
 
+    /// In how many slabs its rows are shared out.
+    pub fn parts(&self) -> usize {
+        self.slabs.len()
+    }
+
     /// Steps taken.
     pub fn steps(&self) -> u64 {
         self.steps

@@ -26,6 +26,13 @@ pub trait Real:
     + DeserializeOwned
     + 'static
 {
+    /// Four of them in one register: what is written out lane by lane the compiler takes apart.
+    type Lanes: Copy
+        + Send
+        + Sync
+        + Add<Output = Self::Lanes>
+        + Sub<Output = Self::Lanes>
+        + Mul<Output = Self::Lanes>;
     /// 0.
     const ZERO: Self;
     /// 1.
@@ -39,6 +46,14 @@ pub trait Real:
     /// Movement in one step, in units of the body's extent, that positions do not show.
     const NEGLIGIBLE: f64;
 
+    /// Four numbers, and back.
+    fn lanes(a: &[Self; 4]) -> Self::Lanes;
+    /// What [`Real::lanes`] took.
+    fn array(a: Self::Lanes) -> [Self; 4];
+    /// The same number four times.
+    fn splat(self) -> Self::Lanes;
+    /// a·b over all four, four times.
+    fn dot(a: Self::Lanes, b: Self::Lanes) -> Self::Lanes;
     /// The nearest number to `x`.
     fn of(x: f64) -> Self;
     /// 0 or 1.
@@ -55,8 +70,9 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($real:ty, $coincident:expr, $nothing:expr, $negligible:expr) => {
+    ($real:ty, $lanes:ty, $coincident:expr, $nothing:expr, $negligible:expr) => {
         impl Real for $real {
+            type Lanes = $lanes;
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
             const HALF: Self = 0.5;
@@ -64,6 +80,22 @@ macro_rules! real {
             const NOTHING: Self = $nothing;
             const NEGLIGIBLE: f64 = $negligible;
 
+            #[inline(always)]
+            fn lanes(a: &[Self; 4]) -> $lanes {
+                <$lanes>::from_array(*a)
+            }
+            #[inline(always)]
+            fn array(a: $lanes) -> [Self; 4] {
+                a.to_array()
+            }
+            #[inline(always)]
+            fn splat(self) -> $lanes {
+                <$lanes>::splat(self)
+            }
+            #[inline(always)]
+            fn dot(a: $lanes, b: $lanes) -> $lanes {
+                <$lanes>::splat(a.dot(b))
+            }
             #[inline(always)]
             fn of(x: f64) -> Self {
                 x as $real
@@ -85,5 +117,5 @@ macro_rules! real {
     };
 }
 
-real!(f32, 1e-24, 1e-20, 1e-9);
-real!(f64, 1e-200, 1e-200, 1e-18);
+real!(f32, glam::Vec4, 1e-24, 1e-20, 1e-9);
+real!(f64, glam::DVec4, 1e-200, 1e-200, 1e-18);

@@ -5,7 +5,7 @@ use super::guard::Failure;
 use super::node_terms::NodeTerms;
 use super::real::Real;
 use super::sending::{attachments, send_loads};
-use super::worker::{Errand, Refusal, Worker};
+use super::worker::{Errand, Refusal, Span, Worker};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology, cut};
 use crate::physics::loads::{LoadVersions, LoadsState};
@@ -20,7 +20,8 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// A body of tets on threads of the processor, in numbers of type `T`: f32 for speed, f64 for
-/// truth. Steps are done on a thread of its own; what is drawn is uploaded once a picture.
+/// truth. Steps are done on a thread of its own, which shares them out in rayon's global pool: do
+/// not wait for them from within that pool. What is drawn is uploaded once a picture.
 pub struct CpuTets<T: Real = f32> {
     mesh: TetMesh,
     topology: Topology,
@@ -50,6 +51,9 @@ pub struct CpuState {
     sent: Option<LoadVersions>,
     changes: u64,
     progress: Progress,
+    span: Span,
+    /// In how many parts the nodes are shared out among threads: sums depend on it.
+    parts: usize,
 }
 
 impl<T: Real> CpuTets<T> {
@@ -112,7 +116,11 @@ impl<T: Real> CpuTets<T> {
     /// What is told of a step that was refused.
     fn error(&mut self, refusal: Refusal) -> Error {
         match refusal {
-            Refusal::Wrong(error) => error,
+            Refusal::Wrong(error) => {
+                // Loads that were refused are sent again.
+                self.sent = None;
+                error
+            }
             Refusal::Failed(Failure::BadStep { h }, ..) => Error::Input(format!(
                 "a time step of {h} s makes no sense for this body; give a positive number of seconds"
             )),
@@ -128,7 +136,12 @@ impl<T: Real> CpuTets<T> {
                         _ => FailureCause::NotFinite,
                     },
                     what: failure.to_string(),
-                    advice: advice(self.kind, dt, &self.network, self.loads.pinned()),
+                    advice: advice(
+                        self.kind,
+                        dt,
+                        (&self.network, &self.terms),
+                        self.loads.pinned(),
+                    ),
                 }
             }
         }
@@ -164,19 +177,35 @@ impl<T: Real> CpuTets<T> {
         self.upload()
     }
 
-    /// Makes the body anew of what the network is now, in the state that it is in.
-    fn remake(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
-        let mut body = CpuBody::new(&self.network, self.kind, self.settings)?;
+    /// A body of what the network is now, at rest, its nodes shared out in so many parts, or as
+    /// many as suit it.
+    fn body(&self, parts: Option<usize>) -> Result<CpuBody<T>> {
+        let mut body = CpuBody::with_chunks(&self.network, self.kind, self.settings, parts)?;
         for term in &self.terms {
             let term = NodeTerms::new(term.clone(), &self.network, body.sharing());
             body.add_term(Box::new(term));
         }
         body.set_pinned(self.loads.pinned())?;
+        Ok(body)
+    }
+
+    /// Makes the body anew of what the network is now, in the state that it is in.
+    fn remake(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        let mut body = self.body(None)?;
         body.set_state(&self.metres(positions), &self.speeds(velocities))?;
         *self.worker.body() = body;
         self.sent = None;
         self.changes += 1;
         self.show()
+    }
+
+    /// Makes the body one in so many parts, where it is not; its state is to be set.
+    fn share_out(&mut self, parts: usize) -> Result<()> {
+        if self.worker.body().parts() != parts {
+            let body = self.body(Some(parts))?;
+            *self.worker.body() = body;
+        }
+        Ok(())
     }
 }
 
@@ -210,11 +239,11 @@ impl<T: Real> Simulator for CpuTets<T> {
     }
 
     fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
-        self.finish()?;
+        self.worker.rest();
         let (positions, velocities) = (self.positions()?, self.velocities()?);
         (self.kind, self.settings) = (kind, settings);
         self.progress = Progress::default();
-        self.worker.set_progress(self.progress);
+        self.worker.set_progress(self.progress, Span::default());
         self.remake(&positions, &velocities)
     }
 
@@ -290,6 +319,8 @@ impl<T: Real> Simulator for CpuTets<T> {
     }
 
     fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.nodes
+            .check("positions", positions, |p| self.network.frame.to_local(p))?;
         let metres = self.metres(positions);
         {
             let mut body = self.worker.body();
@@ -373,6 +404,8 @@ impl<T: Real> Simulator for CpuTets<T> {
             sent: self.sent,
             changes: self.changes,
             progress: self.progress,
+            span: self.worker.span(),
+            parts: self.worker.body().parts(),
         })))
     }
 
@@ -385,7 +418,9 @@ impl<T: Real> Simulator for CpuTets<T> {
         let kept = postcard::from_bytes(&state.body).map_err(|_| {
             Error::Input("the state of a body of other numbers, or a damaged one".into())
         })?;
+        self.worker.rest();
         self.loads.set_state(&state.loads)?;
+        self.share_out(state.parts)?;
         {
             let mut body = self.worker.body();
             body.set_pinned(self.loads.pinned())?;
@@ -397,7 +432,7 @@ impl<T: Real> Simulator for CpuTets<T> {
         self.sent = state.sent;
         self.changes = state.changes;
         self.progress = state.progress;
-        self.worker.set_progress(state.progress);
+        self.worker.set_progress(state.progress, state.span);
         self.show()
     }
 

@@ -12,41 +12,12 @@
 
 use super::pool::{Chunks, Nodes, Plan};
 use super::real::Real;
+use super::spring_blocks::{B, Block, Links};
 use super::terms::{At, Share, Term};
-use super::vectors::{Symmetric, V4, add, sub};
+use super::vectors::V4;
 use crate::physics::{Damping, SpringNetwork, Units};
 use glam::DMat3;
 use std::ops::Range;
-
-/// Springs in a block.
-const B: usize = 64;
-
-/// Stretches are scaled by this before they are squared.
-const ENERGY_SCALE: f64 = 1048576.0;
-
-type Vectors<T> = [V4<T>; B];
-
-/// Springs side by side; what fills up the last block of a list has no stiffness.
-#[derive(Clone, Debug)]
-struct Block<T> {
-    i: [u32; B],
-    j: [u32; B],
-    rest: [[T; B]; 3],
-    length: [T; B],
-    /// |D|² − L².
-    excess: [T; B],
-    stiffness: [T; B],
-    /// How many of them are springs.
-    count: usize,
-}
-
-/// Each spring's part of A as q qᵀ + b I: in the diagonal blocks of its ends, and negative between
-/// them.
-#[derive(Clone, Debug)]
-struct Links<T> {
-    q: [[T; B]; 3],
-    b: [T; B],
-}
 
 /// A list of springs.
 #[derive(Clone, Debug, Default)]
@@ -183,173 +154,6 @@ impl<T: Real> List<T> {
     }
 }
 
-impl<T: Real> Block<T> {
-    /// b_j − a_i.
-    #[inline(always)]
-    fn differences(&self, [a, b]: [&[V4<T>]; 2], out: &mut Vectors<T>) {
-        for ((o, i), j) in out.iter_mut().zip(&self.i).zip(&self.j) {
-            *o = sub(b[*j as usize], a[*i as usize]);
-        }
-    }
-
-    /// Adds what was computed to the nodes i and, of springs within a chunk, takes it from j.
-    #[inline(always)]
-    fn scatter(&self, both: bool, shares: &Vectors<T>, out: &mut [V4<T>]) {
-        for ((s, i), j) in shares.iter().zip(&self.i).zip(&self.j) {
-            let (i, j) = (*i as usize, *j as usize);
-            out[i] = add(out[i], *s);
-            if both {
-                out[j] = sub(out[j], *s);
-            }
-        }
-    }
-
-    /// Of spring n with the difference e: d, |d|² and 1/((|d| + L) |d|).
-    #[inline(always)]
-    fn lengths(&self, n: usize, e: V4<T>) -> ([T; 3], T, T, T) {
-        let d = [
-            self.rest[0][n] + e[0],
-            self.rest[1][n] + e[1],
-            self.rest[2][n] + e[2],
-        ];
-        // The fourth lane is zero; read, the four are one load.
-        let square = (d[0] * d[0] + d[1] * d[1]) + (d[2] * d[2] + e[3] * e[3]);
-        let square = square.or_more(T::COINCIDENT);
-        let l = square.root();
-        let over = T::ONE / ((l + self.length[n]) * l);
-        // |d|² − L².
-        let gain = e[0] * (self.rest[0][n] + d[0])
-            + e[1] * (self.rest[1][n] + d[1])
-            + e[2] * (self.rest[2][n] + d[2]);
-        (d, square, over, gain + self.excess[n])
-    }
-
-    /// Forces of the springs on their nodes i, and κ times stretch², lane by lane.
-    #[inline(always)]
-    fn pull<const DAMPED: u8>(
-        &self,
-        damping: [T; 2],
-        e: &Vectors<T>,
-        w: &Vectors<T>,
-        f: &mut Vectors<T>,
-        energy: &mut [T; B],
-    ) {
-        for n in 0..B {
-            let (d, square, over, gain) = self.lengths(n, e[n]);
-            let k = self.stiffness[n];
-            // Stretch over length.
-            let s = gain * over;
-            let mut along = k * s;
-            // Scaled, for the squares of what a wave has hardly reached would be subnormal.
-            let scaled = s * T::of(ENERGY_SCALE);
-            energy[n] = k * (scaled * scaled) * square;
-            let mut relative = T::ZERO;
-            if DAMPED == 1 {
-                let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
-                along += (damping[0] + damping[1] * k) * dw / square;
-            }
-            if DAMPED == 2 {
-                relative = damping[0] + damping[1] * k;
-            }
-            f[n] = [along * d[0], along * d[1], along * d[2], T::ZERO];
-            if DAMPED == 2 {
-                for axis in 0..3 {
-                    f[n][axis] += relative * w[n][axis];
-                }
-            }
-        }
-        // The springs that fill up a block are not damped, but they have no ends that differ.
-    }
-
-    /// The springs' parts of A, and κ((1 − t) n n·w + t w) with w the difference of velocities.
-    #[inline(always)]
-    fn linearise(
-        &self,
-        h: T,
-        damping: [T; 2],
-        axial: bool,
-        e: &Vectors<T>,
-        w: &Vectors<T>,
-        links: &mut Links<T>,
-        change: &mut Vectors<T>,
-    ) {
-        for n in 0..B {
-            let (d, square, over, gain) = self.lengths(n, e[n]);
-            let k = self.stiffness[n];
-            // Without a direction only a spring of no length pushes back, in all of them.
-            let stretch = (gain * over).or_more(T::ZERO);
-            let t = match self.length[n] > T::ZERO {
-                true => stretch,
-                false => T::ONE,
-            };
-            let c = h * (damping[0] + damping[1] * k);
-            let (axial, relative) = match axial {
-                true => (c, T::ZERO),
-                false => (T::ZERO, c),
-            };
-            let stiff = k * (T::ONE - t);
-            let q = ((h * h * stiff + axial) / square).or_more(T::ZERO).root();
-            links.q[0][n] = q * d[0];
-            links.q[1][n] = q * d[1];
-            links.q[2][n] = q * d[2];
-            links.b[n] = h * h * k * t + relative;
-            let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
-            let along = stiff * dw / square;
-            let across = k * t;
-            change[n] = [
-                along * d[0] + across * w[n][0],
-                along * d[1] + across * w[n][1],
-                along * d[2] + across * w[n][2],
-                T::ZERO,
-            ];
-        }
-        // What fills up the block is damped like any spring; it must not weigh on its node.
-        for n in self.count..B {
-            links.b[n] = T::ZERO;
-            for q in &mut links.q {
-                q[n] = T::ZERO;
-            }
-        }
-    }
-}
-
-impl<T: Real> Links<T> {
-    /// (q qᵀ + b I) e, lane by lane.
-    #[inline(always)]
-    fn multiply(&self, e: &Vectors<T>, out: &mut Vectors<T>) {
-        for n in 0..B {
-            let [x, y, z] = [self.q[0][n], self.q[1][n], self.q[2][n]];
-            let along = (x * e[n][0] + y * e[n][1]) + (z * e[n][2] + e[n][3]);
-            let b = self.b[n];
-            out[n] = [
-                along * x + b * e[n][0],
-                along * y + b * e[n][1],
-                along * z + b * e[n][2],
-                T::ZERO,
-            ];
-        }
-    }
-
-    /// The blocks themselves.
-    #[inline(always)]
-    fn blocks(&self, out: &mut [Symmetric<T>; B]) {
-        for n in 0..B {
-            let [x, y, z] = [self.q[0][n], self.q[1][n], self.q[2][n]];
-            let b = self.b[n];
-            out[n] = [
-                x * x + b,
-                y * y + b,
-                z * z + b,
-                x * y,
-                x * z,
-                y * z,
-                T::ZERO,
-                T::ZERO,
-            ];
-        }
-    }
-}
-
 impl<T: Real> List<T> {
     fn forces<const DAMPED: u8>(
         &self,
@@ -380,32 +184,27 @@ impl<T: Real> List<T> {
             sum += lanes.map(Real::wide).iter().sum::<f64>();
         }
         // Both sides count a spring that leaves a chunk.
-        sum * if both { 0.5 } else { 0.25 } / (ENERGY_SCALE * ENERGY_SCALE)
+        sum * if both { 0.5 } else { 0.25 }
     }
 
     fn linearise(
         &mut self,
         nodes: &Range<usize>,
         both: bool,
-        h: T,
-        damping: [T; 2],
-        axial: bool,
+        how: (T, [T; 2], bool),
         at: At<'_, T>,
         share: Share<'_, T>,
     ) {
         let zero = [[T::ZERO; 4]; B];
         let (mut e, mut w, mut change) = (zero, zero, zero);
         let mut blocks = [[T::ZERO; 8]; B];
-        let empty = Links {
-            q: [[T::ZERO; B]; 3],
-            b: [T::ZERO; B],
-        };
+        let empty = Links([[T::ZERO; 4]; B]);
         self.links.resize(self.blocks.len(), empty);
         let [u, v] = [at.u, at.v].map(|a| ends(a, nodes, both));
         for (block, links) in self.blocks.iter().zip(&mut self.links) {
             block.differences(u, &mut e);
             block.differences(v, &mut w);
-            block.linearise(h, damping, axial, &e, &w, links, &mut change);
+            block.linearise(how, [&e, &w], links, &mut change);
             block.scatter(both, &change, share.change);
             links.blocks(&mut blocks);
             for ((s, i), j) in blocks.iter().zip(&block.i).zip(&block.j) {
@@ -420,18 +219,18 @@ impl<T: Real> List<T> {
     }
 
     fn multiply(&self, nodes: &Range<usize>, both: bool, p: &[V4<T>], y: &mut [V4<T>]) {
-        let p = ends(p, nodes, both);
-        let zero = [[T::ZERO; 4]; B];
-        let (mut e, mut pull) = (zero, zero);
+        let [here, there] = ends(p, nodes, both);
         for (block, links) in self.blocks.iter().zip(&self.links) {
-            block.differences(p, &mut e);
-            links.multiply(&e, &mut pull);
-            // A_ij p_j + A_ii p_i = −(q qᵀ + b I)(p_j − p_i).
-            for ((s, i), j) in pull.iter().zip(&block.i).zip(&block.j) {
+            for ((q, i), j) in links.0.iter().zip(&block.i).zip(&block.j) {
                 let (i, j) = (*i as usize, *j as usize);
-                y[i] = sub(y[i], *s);
+                let (q, b) = (T::lanes(q), q[3].splat());
+                let e = T::lanes(&there[j]) - T::lanes(&here[i]);
+                // The fourth lane of e is zero; that of what comes out is not.
+                let share = T::dot(q, e) * q + b * e;
+                // A_ij p_j + A_ii p_i = −(q qᵀ + b I)(p_j − p_i).
+                y[i] = T::array(T::lanes(&y[i]) - share);
                 if both {
-                    y[j] = add(y[j], *s);
+                    y[j] = T::array(T::lanes(&y[j]) + share);
                 }
             }
         }
@@ -475,7 +274,7 @@ impl<T: Real> Term<T> for Springs<T> {
                         diagonal: &mut *diagonal.0,
                         change: &mut *change.0,
                     };
-                    list.linearise(&chunk.nodes, both, h, damping, axial, at, share);
+                    list.linearise(&chunk.nodes, both, (h, damping, axial), at, share);
                 }
             }
             []
@@ -499,8 +298,8 @@ impl<T: Real> Term<T> for Springs<T> {
                         if i > j {
                             continue;
                         }
-                        let q = links.q.map(|q| q[n].wide());
-                        let b = links.b[n].wide();
+                        let [x, y, z, b] = links.0[n].map(Real::wide);
+                        let q = [x, y, z];
                         let mut m = DMat3::from_diagonal(glam::DVec3::splat(-b));
                         for (column, across) in q.iter().enumerate() {
                             *m.col_mut(column) -= glam::DVec3::from(q) * *across;

@@ -41,7 +41,8 @@ pub trait Term<T: Real>: Send + Sync {
     fn linearise(&mut self, plan: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>);
 
     /// Adds the term's part of A p, as last linearised, to the nodes of a chunk: `y` begins with
-    /// the chunk's first node. Damping and stiffness only, the masses are no term's.
+    /// the chunk's first node; its fourth lanes may be anything. Damping and stiffness only, the
+    /// masses are no term's.
     fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]);
 
     /// Tells every block A_ij with i < j, as last linearised, once or in parts: what a coarse

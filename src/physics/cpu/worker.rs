@@ -9,7 +9,9 @@ use super::real::Real;
 use crate::physics::{Progress, SolverKind, StepRecord};
 use crate::{Error, Result};
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use web_time::{Duration, Instant};
@@ -131,10 +133,38 @@ struct Queue {
     busy: bool,
     quit: bool,
     progress: Progress,
+    /// Steps of one length, and the time before them.
+    span: Span,
     iterations: VecDeque<u32>,
-    /// Why the last step was refused, and its length.
-    failure: Option<(Failure, f64)>,
+    /// Why the last step was refused, its length, and how far the steps were.
+    failure: Option<(Failure, f64, Progress)>,
     refused: Option<Error>,
+}
+
+/// Steps of one length since a time: their sum is not rounded step by step, so that it is the same
+/// however they were shared out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Span {
+    since: f64,
+    steps: u64,
+    dt: f64,
+}
+
+impl Span {
+    fn add(&mut self, steps: u32, dt: f64) {
+        if self.dt != dt {
+            *self = Span {
+                since: self.time(),
+                steps: 0,
+                dt,
+            };
+        }
+        self.steps += u64::from(steps);
+    }
+
+    fn time(&self) -> f64 {
+        self.since + self.steps as f64 * self.dt
+    }
 }
 
 /// Positions in metres, as they were put out last.
@@ -187,18 +217,22 @@ impl<B: Stepped> Worker<B> {
     /// # Errors
     /// [`Error::Input`] where no thread can be had.
     pub fn ask(&mut self, errand: Errand) -> Result<()> {
-        lock(&self.shared.queue).errands.push_back(errand);
         if cfg!(target_arch = "wasm32") {
             // Without threads it is done at once.
+            lock(&self.shared.queue).errands.push_back(errand);
             while self.shared.turn() {}
+            self.publish();
             return Ok(());
         }
         if self.thread.is_none() {
             let shared = self.shared.clone();
             let thread = std::thread::Builder::new().name("palpate-body".into());
             let thread = thread.spawn(move || shared.work());
-            self.thread = Some(thread.map_err(Error::io("a thread for the simulation"))?);
+            self.thread = Some(thread.map_err(|e| {
+                Error::Input(format!("no thread can be had for the simulation: {e}"))
+            })?);
         }
+        lock(&self.shared.queue).errands.push_back(errand);
         self.shared.wake.notify_one();
         Ok(())
     }
@@ -219,10 +253,26 @@ impl<B: Stepped> Worker<B> {
         told(&mut queue)
     }
 
-    /// Begins to count anew, from so far.
-    pub fn set_progress(&self, progress: Progress) {
+    /// Drops what was asked for, and what became of it; waits for a step under way.
+    pub fn rest(&self) {
         let mut queue = lock(&self.shared.queue);
-        queue.progress = progress;
+        queue.errands.clear();
+        while queue.busy {
+            let waited = self.shared.idle.wait(queue);
+            queue = waited.unwrap_or_else(PoisonError::into_inner);
+        }
+        (queue.failure, queue.refused) = (None, None);
+    }
+
+    /// How far the steps are, for another worker to go on from.
+    pub fn span(&self) -> Span {
+        lock(&self.shared.queue).span
+    }
+
+    /// Goes on counting from so far.
+    pub fn set_progress(&self, progress: Progress, span: Span) {
+        let mut queue = lock(&self.shared.queue);
+        (queue.progress, queue.span) = (progress, span);
         queue.iterations.clear();
     }
 
@@ -271,7 +321,7 @@ fn told(queue: &mut Queue) -> std::result::Result<Progress, Refusal> {
         return Err(Refusal::Wrong(error));
     }
     match queue.failure.take() {
-        Some((failure, dt)) => Err(Refusal::Failed(failure, dt, queue.progress)),
+        Some((failure, dt, progress)) => Err(Refusal::Failed(failure, dt, progress)),
         None => Ok(queue.progress),
     }
 }
@@ -292,19 +342,24 @@ impl<B: Stepped> Shared<B> {
                 }
                 queue.busy = true;
             }
-            let mut put_out = Instant::now();
-            while self.turn() {
-                if put_out.elapsed() > PICTURE {
-                    self.publish(&lock(&self.body));
-                    put_out = Instant::now();
+            let done = catch_unwind(AssertUnwindSafe(|| {
+                let mut put_out = Instant::now();
+                while self.turn() {
+                    if put_out.elapsed() > PICTURE {
+                        self.publish(&lock(&self.body));
+                        put_out = Instant::now();
+                    }
                 }
-            }
-            self.publish(&lock(&self.body));
+                self.publish(&lock(&self.body));
+            }));
             let mut queue = lock(&self.queue);
-            queue.busy = false;
-            if queue.errands.is_empty() {
-                self.idle.notify_all();
+            if done.is_err() {
+                queue.errands.clear();
+                let why = "the simulation broke off by a fault of its own; please report it";
+                queue.refused = Some(Error::Input(why.into()));
             }
+            queue.busy = false;
+            self.idle.notify_all();
         }
     }
 
@@ -315,7 +370,13 @@ impl<B: Stepped> Shared<B> {
             if queue.quit {
                 return false;
             }
-            queue.errands.pop_front()
+            let failed = queue.failure.is_some();
+            let mut errand = queue.errands.pop_front();
+            // Steps asked for before the failure was looked at are not taken.
+            while failed && matches!(errand, Some(Errand::Steps(..))) {
+                errand = queue.errands.pop_front();
+            }
+            errand
         };
         match errand {
             None => return false,
@@ -352,7 +413,8 @@ impl<B: Stepped> Shared<B> {
         drop(body);
         let mut queue = lock(&self.queue);
         queue.progress.steps += u64::from(done);
-        queue.progress.time += f64::from(done) * dt;
+        queue.span.add(done, dt);
+        queue.progress.time = queue.span.time();
         if let Some(record) = record {
             queue.progress.last = record;
             if implicit {
@@ -363,8 +425,9 @@ impl<B: Stepped> Shared<B> {
             }
         }
         if let Some(why) = failure {
+            let progress = queue.progress;
             drop(queue);
-            self.drop_steps().failure = Some((why, dt));
+            self.drop_steps().failure = Some((why, dt, progress));
         } else if done < left {
             queue.errands.push_front(Errand::Steps(left - done, dt));
         }

@@ -1,7 +1,7 @@
 //! The masses and springs of a grid body, in float64 and SI units.
 
 use super::shape::{GridShape, SPRING_KINDS, STEPS};
-use crate::mesh::LocalFrame;
+use crate::mesh::{LocalFrame, TetMesh};
 use crate::physics::grid::plain::GridTwin;
 use crate::physics::{Energy, Material, RegionMaterial, Stiffness};
 use crate::{Error, Result};
@@ -127,6 +127,17 @@ impl GridModel {
                 self.factors[(i as i64 + step) as usize]
             })
             .fold(self.factors[i], f64::max)
+    }
+
+    /// Refuses a mesh that is not the one over its full cells, to which fields may have been given.
+    pub(crate) fn check_mesh(&self, mesh: &TetMesh) -> Result<()> {
+        let own = self.shape.mesh(&self.springs)?;
+        match own.tets == mesh.tets && own.nodes.len() == mesh.nodes.len() {
+            true => Ok(()),
+            false => Err(Error::Input(
+                "the mesh given for a grid body is not the one over its cells; make it by GridShape::mesh".into(),
+            )),
+        }
     }
 
     /// Energies of particles at `positions` that move with `velocities`, in file units.

@@ -21,13 +21,17 @@ pub struct GpuGrid {
 
 impl GpuGrid {
     /// `body`, whose drawn mesh may have fields and names in `mesh`.
-    pub fn new(gpu: &Gpu, body: GridBody, mesh: TetMesh) -> GpuGrid {
-        GpuGrid {
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another mesh.
+    pub fn new(gpu: &Gpu, body: GridBody, mesh: TetMesh) -> Result<GpuGrid> {
+        body.model().check_mesh(&mesh)?;
+        Ok(GpuGrid {
             gpu: gpu.clone(),
             topology: Topology::new(&mesh),
             mesh,
             body,
-        }
+        })
     }
 
     fn progress_now(&self) -> Progress {

@@ -74,6 +74,9 @@ impl GridBody {
         (self.steps, self.time) = (state.steps, state.time);
         (self.changes, self.speed) = (state.changes, state.speed);
         self.dirty = true;
+        self.errands.clear();
+        self.flight = None;
+        self.ring.clear();
         Ok(())
     }
 

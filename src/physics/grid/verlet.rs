@@ -239,7 +239,8 @@ impl GridBody {
         {
             work.copy_array(backup, &self.positions[n]);
         }
-        work.submit()
+        work.submit()?;
+        self.refresh_normals()
     }
 
     /// Records `steps` steps of Verlet of `dt` seconds; the last writes the normals. Nothing is

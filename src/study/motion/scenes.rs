@@ -133,14 +133,7 @@ fn pulled(gpu: &Gpu) -> Result<Trial> {
     for i in held {
         twin.inverse_masses[i as usize] = 0.0;
     }
-    Ok(Trial::grid(
-        gpu,
-        "pulled",
-        (5e4, "Pa"),
-        DURATION,
-        body,
-        twin,
-    ))
+    Trial::grid(gpu, "pulled", (5e4, "Pa"), DURATION, body, twin)
 }
 
 /// The box from the origin to a corner.
@@ -234,6 +227,9 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     };
     if scene.grid.is_some() {
         return Err(refused("grids"));
+    }
+    if scene.floor.is_some() {
+        return Err(refused("floors"));
     }
     if !(scene.grab.is_empty() && scene.cut.is_empty()) {
         return Err(refused("grabs or cuts"));

@@ -126,6 +126,9 @@ impl Trial {
     }
 
     /// The motion of a grid body, from rest.
+    ///
+    /// # Errors
+    /// What the device refuses.
     pub fn grid(
         gpu: &Gpu,
         name: &str,
@@ -133,16 +136,11 @@ impl Trial {
         duration: f64,
         body: GridBody,
         twin: GridTwin,
-    ) -> Trial {
+    ) -> Result<Trial> {
         let mesh = body.mesh().clone();
-        let simulator = Box::new(GpuGrid::new(gpu, body, mesh));
-        Trial::new(
-            name,
-            stiffness,
-            duration,
-            simulator,
-            Twin::Grid(twin.into()),
-        )
+        let simulator = Box::new(GpuGrid::new(gpu, body, mesh)?);
+        let twin = Twin::Grid(twin.into());
+        Ok(Trial::new(name, stiffness, duration, simulator, twin))
     }
 
     fn new(

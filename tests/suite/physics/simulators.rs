@@ -51,7 +51,7 @@ fn particles() -> GridModel {
 fn gpu_grid(gpu: &Gpu) -> GpuGrid {
     let body = GridBody::new(gpu, particles()).unwrap();
     let mesh = body.mesh().clone();
-    GpuGrid::new(gpu, body, mesh)
+    GpuGrid::new(gpu, body, mesh).unwrap()
 }
 
 fn cpu_grid(gpu: &Gpu) -> CpuGrid {
