@@ -1,12 +1,12 @@
-//! Iterations a second of a grid body against its number of particles, on the GPU and on the CPU
-//! in float64 and float32: `cargo bench --bench grid -- [PARTICLES...]`.
+//! Iterations a second of a grid body against its number of particles, on the GPU, on the CPU, and
+//! of the plain loops in float64 and float32: `cargo bench --bench grid -- [PARTICLES...]`.
 //! The twin of table 1 of Mosegaard, Herborg & Sørensen (2005).
 
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesher::Domain;
-use palpate::physics::Material;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
+use palpate::physics::{CpuGrid, Material, Simulator};
 use std::time::Instant;
 
 /// A ball of a heart's size, in metres.
@@ -45,7 +45,7 @@ fn main() -> palpate::Result<()> {
     };
     let gpu = Gpu::new()?;
     println!("{}", gpu.adapter().name);
-    println!("| particles | GPU | float64 twin | ratio | float32 loop | ratio |");
+    println!("| particles | GPU | CPU | CPU over GPU | float64 loop | float32 loop |");
     println!("| --- | --- | --- | --- | --- | --- |");
     for wanted in counts {
         let shape = GridShape::carve_about(&Ball, *wanted, DMat3::IDENTITY)?;
@@ -53,11 +53,14 @@ fn main() -> palpate::Result<()> {
         let (count, h) = (model.shape.count(), 0.5 * model.stable_step());
         let mut double = model.twin();
         let mut single = double.single();
+        let mesh = model.shape.mesh(&model.springs)?;
+        let mut cpu = CpuGrid::<f32>::new(&gpu, model.clone(), mesh)?;
         let mut body = GridBody::new(&gpu, model)?;
         // In turns, the best of each: the machine may be busy.
-        let mut best = [0.0f64; 3];
+        let mut best = [0.0f64; 4];
         for _ in 0..3 {
             best[0] = best[0].max(rate(|steps| body.run(steps, h))?);
+            best[3] = best[3].max(rate(|steps| cpu.run(steps, h).map(drop))?);
             best[1] = best[1].max(rate(|steps| {
                 (0..steps).for_each(|_| double.step(h));
                 Ok(())
@@ -67,11 +70,10 @@ fn main() -> palpate::Result<()> {
                 Ok(())
             })?);
         }
-        let [ours, f64_twin, f32_loop] = best;
+        let [gpu, double, single, cpu] = best;
         println!(
-            "| {count} | {ours:.1} | {f64_twin:.1} | {:.2} | {f32_loop:.1} | {:.2} |",
-            ours / f64_twin,
-            ours / f32_loop
+            "| {count} | {gpu:.1} | {cpu:.1} | {:.2} | {double:.1} | {single:.1} |",
+            cpu / gpu
         );
     }
     Ok(())

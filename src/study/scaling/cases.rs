@@ -1,17 +1,15 @@
-//! What is timed: on the GPU as the library does it, and by its float64 twin on the CPU.
+//! What is timed: as the library does it, on either engine, and by the plain float64 form.
 
 use super::{GPU, Point};
+use crate::Result;
 use crate::gpu::Gpu;
 use crate::mesh::{Blade, Location, TetMesh, Topology, generate};
-use crate::physics::plain::springs::Particles;
-use crate::physics::plain::steppers;
-use crate::physics::{Body, Material, SolverKind, largest_stable_step};
+use crate::physics::{Body, Engine, EngineChoice, HeldEnd, Material, SolverKind};
 use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
 use crate::render::{RayReference, segment_integral, tet_gradient, tet_planes};
 use crate::scene::median_ms;
 use crate::study::Cell;
 use crate::study::pictures::frame_ms;
-use crate::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::hint::black_box;
@@ -19,8 +17,6 @@ use std::time::Instant;
 
 /// The implicit step of the study, s.
 const IMPLICIT_STEP: f64 = 0.01;
-/// Where its conjugate gradients stop, which is where the solver's own do.
-const TOLERANCE: f64 = 1e-4;
 
 /// Times points, keeping the mesh of the last.
 pub(super) struct Cases<'a> {
@@ -60,16 +56,10 @@ impl<'a> Cases<'a> {
         };
         let mut iterations = 0;
         let ms = match (point.what, point.on) {
-            ("symplectic step", GPU) => cube.step(gpu, SolverKind::Symplectic, repeats)?.0,
-            ("implicit step", GPU) => {
-                let (ms, most) = cube.step(gpu, SolverKind::Implicit, repeats)?;
-                iterations = most;
-                ms
-            }
-            ("symplectic step", _) => cube.twin_step(gpu, false, repeats)?.0,
-            ("implicit step", _) => {
-                let (ms, most) = cube.twin_step(gpu, true, 1)?;
-                iterations = most;
+            ("symplectic step", on) => cube.step(gpu, SolverKind::Symplectic, on, repeats)?.0,
+            ("implicit step", on) => {
+                let (ms, last) = cube.step(gpu, SolverKind::Implicit, on, repeats)?;
+                iterations = last;
                 ms
             }
             ("refresh", GPU) => cube.refresh(gpu, repeats)?,
@@ -125,40 +115,19 @@ impl Cube {
         Ok(body)
     }
 
-    /// Milliseconds of a step, and the iterations of the last.
-    fn step(&self, gpu: &Gpu, kind: SolverKind, repeats: u32) -> Result<(f64, u32)> {
-        let mut body = self.body(gpu)?;
-        let limit = largest_stable_step(body.network(), body.pinned(), kind);
+    /// Milliseconds of a step on an engine, and the iterations of the last.
+    fn step(&self, gpu: &Gpu, kind: SolverKind, on: &str, repeats: u32) -> Result<(f64, u32)> {
+        let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
+        let choice = EngineChoice::This(engine);
+        let mut body = choice.tets(gpu, self.mesh.clone(), &Material::soft_tissue(), kind)?;
+        let (rest, springs) = (&body.mesh().nodes, body.springs().into_iter());
+        let (end, _) = HeldEnd::of_pieces(rest, body.masses(), springs, DVec3::NEG_Z);
+        body.pin_nodes(&end.nodes)?;
+        body.loads_mut().set_gravity(9.81 * end.across());
+        let limit = body.largest_stable_step();
         let dt = limit.map_or(IMPLICIT_STEP, |limit| 0.5 * limit);
-        let mut solver = kind.solver(gpu, &body)?;
-        let ms = median_ms(repeats, || {
-            solver.step(&mut body, dt)?;
-            gpu.wait()
-        })?;
-        Ok((ms, solver.poll(&body)?.last.iterations))
-    }
-
-    fn twin_step(&self, gpu: &Gpu, implicit: bool, repeats: u32) -> Result<(f64, u32)> {
-        let body = self.body(gpu)?;
-        let kind = SolverKind::Symplectic;
-        let dt = largest_stable_step(body.network(), body.pinned(), kind);
-        let dt = 0.5 * dt.unwrap_or(IMPLICIT_STEP);
-        let mut particles = Particles::new(body.network().clone());
-        particles.pinned = body.pinned().to_vec();
-        particles.gravity = body.gravity();
-        let mut iterations = Some(0);
-        let ms = median_ms(repeats, || {
-            if implicit {
-                iterations = steppers::implicit_euler(&mut particles, IMPLICIT_STEP, TOLERANCE);
-            } else {
-                steppers::symplectic_euler(&mut particles, dt);
-            }
-            Ok(())
-        })?;
-        let iterations = iterations.ok_or_else(|| {
-            Error::Input("the conjugate gradients of the twin did not converge".into())
-        })?;
-        Ok((ms, iterations))
+        let ms = median_ms(repeats, || body.run(1, dt).map(drop))?;
+        Ok((ms, body.iterations()?.last().copied().unwrap_or(0)))
     }
 
     fn refresh(&self, gpu: &Gpu, repeats: u32) -> Result<f64> {

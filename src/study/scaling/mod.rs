@@ -32,6 +32,9 @@ struct Point {
 }
 
 const GPU: &str = "GPU";
+/// The other engine of a step.
+const CPU: &str = "CPU";
+/// The plain form in float64.
 const TWIN: &str = "CPU twin";
 /// A cut is made on the CPU, and what it changed is sent.
 const BOTH: &str = "CPU + GPU";
@@ -51,12 +54,11 @@ fn pixels(quick: bool) -> usize {
 
 /// All points: those of one mesh side by side, so that it is made once.
 fn points(quick: bool) -> Vec<Point> {
-    let (tets, twin_most, cg_most): (&[usize], usize, usize) = match quick {
-        true => (&[1_000, 3_000, 10_000], 3_000, 3_000),
+    let (tets, twin_most): (&[usize], usize) = match quick {
+        true => (&[1_000, 3_000, 10_000], 3_000),
         false => (
             &[1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000],
             100_000,
-            30_000,
         ),
     };
     let base = Point {
@@ -89,13 +91,11 @@ fn points(quick: bool) -> Vec<Point> {
                 ..base
             };
             all.push(point);
-            let most = match what {
-                "implicit step" => cg_most,
-                "cut" => 0,
-                _ => twin_most,
-            };
-            if *tets <= most {
-                all.push(Point { on: TWIN, ..point });
+            match what {
+                "symplectic step" | "implicit step" => all.push(Point { on: CPU, ..point }),
+                "cut" => {}
+                _ if *tets <= twin_most => all.push(Point { on: TWIN, ..point }),
+                _ => {}
             }
         }
     }
@@ -227,7 +227,7 @@ pub(super) fn exponent(points: &[[f64; 2]]) -> Option<f64> {
 fn chart(run: &Run, rows: &[Row], name: &str, kinds: &[&str], against: &str) -> Result<String> {
     let mut series = Vec::new();
     for what in kinds {
-        for on in [GPU, TWIN, BOTH] {
+        for on in [GPU, CPU, TWIN, BOTH] {
             let points = curve(rows, what, on, against);
             if let Some(p) = exponent(&points) {
                 let name = format!("{what}, {on}: x^{p:.2}");
@@ -280,24 +280,29 @@ fn finding(rows: &[Row]) -> String {
             ));
         }
     }
-    let iterations: Vec<String> = rows
-        .iter()
-        .filter(|r| r.text("what") == "implicit step" && r.text("on") == GPU)
-        .map(|r| format!("{:.0}", r.number("iterations")))
-        .collect();
+    let iterations = |on: &str| {
+        let steps = rows.iter().filter(|r| r.text("what") == "implicit step");
+        let own = steps.filter(|r| r.text("on") == on);
+        let counts: Vec<String> = own
+            .map(|r| format!("{:.0}", r.number("iterations")))
+            .collect();
+        counts.join(", ")
+    };
     format!(
         "{}\n\n\
          Exponents are fitted to the larger half of the sizes. Small sizes are flat: a pass costs \
          its dispatch, however little it does. A symplectic step and a refresh are linear in the \
-         tets. An implicit step grows faster, because its conjugate gradients need more iterations \
-         the finer the mesh is ({} from the smallest mesh to the largest): stiffness has to travel \
-         from node to node. A picture grows slower, as the cube root of the tets where they are \
+         tets. An implicit step on the GPU grows faster, because its conjugate gradients need more \
+         iterations the finer the mesh is ({} from the smallest mesh to the largest): stiffness has \
+         to travel from node to node. On the CPU a coarse space takes it there at once ({}). A \
+         picture grows slower, as the cube root of the tets where they are \
          many: a ray passes that many of them. A cut through the whole cube opens as many faces as \
          the power 2/3 of the tets, but looks at every tet once, on the CPU. Layers cost a search \
          for the next faces each, over the whole boundary, which here grows with the layers too. \
          The table is as many texels in each of \
          its slices, however many tets there are.",
         lines.join("\n"),
-        iterations.join(", ")
+        iterations(GPU),
+        iterations(CPU)
     )
 }
