@@ -12,6 +12,7 @@ use super::vectors::{V4, of_metres, to_metres, zero};
 use crate::physics::{ConjugateGradients, SolverKind, SpringNetwork, Units};
 use crate::{Error, Result};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Groups of nodes over the root of their number. The groups' rigid motions are the coarse space:
 /// twice as many take a tenth off the iterations, and make each dearer.
@@ -30,7 +31,7 @@ pub struct CpuBody<T: Real> {
     /// The network's number of the k-th node, and the engine's of each of the network's.
     pub(super) order: Vec<u32>,
     pub(super) place: Vec<u32>,
-    pub(super) plan: Plan,
+    pub(super) plan: Arc<Plan>,
     pub(super) rest_local: Vec<V4<T>>,
     pub(super) masses: Vec<T>,
     pub(super) inverse: Vec<T>,
@@ -167,7 +168,7 @@ impl<T: Real> CpuBody<T> {
             steps: 0,
             order,
             place,
-            plan,
+            plan: Arc::new(plan),
         };
         body.free_nodes();
         Ok(body)

@@ -340,15 +340,19 @@ impl<T: Real> Simulator for CpuGrid<T> {
     }
 
     fn state(&self) -> Result<SimulatorState> {
+        let (state, parts) = {
+            let body = self.worker.body();
+            (body.state(), body.parts())
+        };
         Ok(SimulatorState::CpuGrid(Box::new(CpuGridState {
-            particles: postcard::to_stdvec(&self.worker.body().state())
+            particles: postcard::to_stdvec(&state)
                 .map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))?,
             loads: self.loads.state(),
             sent: self.sent,
             changes: self.changes,
             progress: self.progress,
             span: self.worker.span(),
-            parts: self.worker.body().parts(),
+            parts,
         })))
     }
 

@@ -5,7 +5,7 @@ use super::loads::Attachment;
 use super::particles::Particles;
 use super::pool::{Chunks, Nodes, Plan};
 use super::real::Real;
-use glam::DVec3;
+use std::sync::Arc;
 
 /// A body farther than this from where it rests, in its own sizes, has flown apart.
 const FARTHEST: f64 = 1e4;
@@ -28,7 +28,7 @@ impl<T: Real> Particles<T> {
         if !(h > 0.0 && h.is_finite() && h * h > 0.0) {
             return Err(Failure::BadStep { h });
         }
-        let plan = self.plan.clone();
+        let plan = Arc::clone(&self.plan);
         plan.enter(|| (0..steps).try_for_each(|_| self.step(&plan, h)))
     }
 
@@ -48,10 +48,10 @@ impl<T: Real> Particles<T> {
             spring: T::of(rate / self.mean_mass),
             pull: (rate / self.length * self.gravity).to_array().map(T::of),
         };
-        let draws = self.draws();
+        self.draw();
         let (kinds, now, before) = (&self.kinds, &self.now, &self.before);
         let (factors, springs) = (&self.factors[..], &self.springs[..]);
-        let (inverse, forces) = (&self.inverse, &self.forces);
+        let (inverse, forces, drawn) = (&self.inverse, &self.forces, &self.drawn);
         let [x, y, z] = self.next.each_mut().map(|a| Nodes(&mut a[..]));
         let data = (Chunks(&mut self.slabs), (x, y, z));
         let [bad, far] = plan.each(data, &|_, nodes, (slabs, (x, y, z))| {
@@ -59,7 +59,7 @@ impl<T: Real> Particles<T> {
                 return [0.0; 2];
             };
             slab.pull(nodes.start, kinds, now, factors, springs);
-            for (i, f) in &draws {
+            for (i, f) in drawn {
                 if nodes.contains(i) {
                     for (axis, f) in f.to_array().iter().enumerate() {
                         slab.forces[axis][*i - nodes.start] += rates.spring * T::of(*f);
@@ -118,9 +118,10 @@ impl<T: Real> Particles<T> {
         }
     }
 
-    /// What pulls at particles, over the length unit, N/m.
-    fn draws(&self) -> Vec<(usize, DVec3)> {
-        let mut draws = Vec::new();
+    /// Takes note of what pulls at particles, over the length unit, N/m.
+    fn draw(&mut self) {
+        let mut drawn = std::mem::take(&mut self.drawn);
+        drawn.clear();
         for a in &self.attachments {
             if let Attachment::Pull {
                 node,
@@ -133,10 +134,10 @@ impl<T: Real> Particles<T> {
                 let x = self.rest[i] + self.displacement(&self.now, i);
                 let pull = stiffness * (target - x);
                 let share = (limit / pull.length().max(1e-300)).min(1.0);
-                draws.push((i, pull * share / self.length));
+                drawn.push((i, pull * share / self.length));
             }
         }
-        draws
+        self.drawn = drawn;
     }
 }
 

@@ -10,6 +10,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Particles below which a second thread costs more than it gives.
 const PARTICLES_A_THREAD: usize = 1500;
@@ -43,12 +44,14 @@ pub struct Particles<T: Real> {
     pub(super) external: Vec<DVec3>,
     pub(super) pinned: Vec<bool>,
     pub(super) attachments: Vec<Attachment>,
-    pub(super) plan: Plan,
+    pub(super) plan: Arc<Plan>,
     pub(super) slabs: Vec<Slab<T>>,
     pub(super) before: Axes<T>,
     pub(super) now: Axes<T>,
     pub(super) next: Axes<T>,
     pub(super) velocities: Vec<DVec3>,
+    /// What pulls at particles now.
+    pub(super) drawn: Vec<(usize, DVec3)>,
     /// Length of the last step, s; none at first.
     pub(super) lag: Option<f64>,
     pub(super) steps: u64,
@@ -136,7 +139,8 @@ impl<T: Real> Particles<T> {
             external: vec![DVec3::ZERO; count],
             pinned: vec![false; count],
             attachments: Vec::new(),
-            plan: Plan::with(vec![0, count], 1),
+            plan: Arc::new(Plan::with(vec![0, count], 1)),
+            drawn: Vec::new(),
             slabs: Vec::new(),
             before: zeros(),
             now: zeros(),
@@ -164,7 +168,7 @@ impl<T: Real> Particles<T> {
         }
         starts.push(count);
         let chunks = starts.len() - 1;
-        self.plan = Plan::with(starts, chunks);
+        self.plan = Arc::new(Plan::with(starts, chunks));
         // Particles one after the other, and what lies between where that is little: springs that
         // are not there cost less than to begin a run.
         let mut runs: Vec<Range<usize>> = Vec::new();

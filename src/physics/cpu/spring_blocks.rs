@@ -95,6 +95,9 @@ impl<T: Real> Block<T> {
             let mut relative = T::ZERO;
             if DAMPED == 1 {
                 let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
+                // As with the stretch: what is as good as nothing is nothing.
+                let some = dw > T::NOTHING || dw < -T::NOTHING;
+                let dw = if some { dw } else { T::ZERO };
                 along += (damping[0] + damping[1] * k) * dw / square;
             }
             if DAMPED == 2 {
@@ -156,9 +159,8 @@ impl<T: Real> Links<T> {
     /// The blocks themselves.
     #[inline(always)]
     pub fn blocks(&self, out: &mut [Symmetric<T>; B]) {
-        for n in 0..B {
-            let [x, y, z, b] = self.0[n];
-            out[n] = [
+        for (out, [x, y, z, b]) in out.iter_mut().zip(self.0) {
+            *out = [
                 x * x + b,
                 y * y + b,
                 z * z + b,

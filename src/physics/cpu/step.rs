@@ -4,11 +4,11 @@ use super::body::{CpuBody, Start};
 use super::explicit::{self, From};
 use super::guard::{Failure, Sums};
 use super::implicit::Scene;
-use super::pool::Plan;
 use super::real::Real;
 use super::sum::Sources;
 use super::terms::At;
 use crate::physics::{SolverKind, StepRecord};
+use std::sync::Arc;
 
 impl<T: Real> CpuBody<T> {
     /// Takes `steps` steps of `h` seconds. Returns what is noted of the last: energies in J, of
@@ -23,7 +23,7 @@ impl<T: Real> CpuBody<T> {
         if !(h > 0.0 && h.is_finite() && fits > T::ZERO && (T::ONE / fits).wide().is_finite()) {
             return Err(Failure::BadStep { h });
         }
-        let plan: Plan = self.plan().clone();
+        let plan = Arc::clone(&self.plan);
         plan.enter(|| {
             self.begin()?;
             let mut record = self.record(0, 0.0);
