@@ -184,11 +184,6 @@ impl<T: Real> CpuBody<T> {
         self.rest.len()
     }
 
-    /// How the nodes are shared out.
-    pub fn plan(&self) -> &Plan {
-        &self.plan
-    }
-
     /// In how many chunks its nodes are shared out.
     pub fn parts(&self) -> usize {
         self.plan.chunks()

@@ -65,7 +65,7 @@ impl<T: Real> Term<T> for NodeTerms<T> {
             share.change[k] = sub(share.change[k], kv);
             let of_step = block.map(|b| h * h * b);
             for (all, b) in share.diagonal[k].iter_mut().zip(of_step) {
-                *all = *all + b;
+                *all += b;
             }
             self.blocks[k] = of_step;
         }

@@ -87,8 +87,8 @@ fn pair<T: Real>(model: &GridModel, slabs: usize) -> (Particles<T>, GridTwin, Ve
     body.set_attachments(&attachments).unwrap();
     twin.x[held as usize] = place;
     twin.inverse_masses[held as usize] = 0.0;
-    for i in 0..count {
-        twin.previous[i] = twin.x[i] - h * (1.0 + 0.5 * model.damping * h) * v[i];
+    for (i, v) in v.iter().enumerate() {
+        twin.previous[i] = twin.x[i] - h * (1.0 + 0.5 * model.damping * h) * *v;
     }
     (body, twin, attachments)
 }

@@ -223,7 +223,7 @@ fn compare<T: Real>(network: &SpringNetwork, attach: bool, limit: [f64; 2], tole
             let error = pair.error();
             println!(
                 "{kind} in {} chunks, {} nodes, damped {} {} {:?}: {error:?}",
-                pair.body.plan().chunks(),
+                pair.body.parts(),
                 network.rest.len(),
                 network.damping,
                 network.damping_time,

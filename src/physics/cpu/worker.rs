@@ -408,7 +408,7 @@ impl<B: Stepped> Shared<B> {
             if implicit {
                 break;
             }
-            some = 2 * some;
+            some *= 2;
         }
         drop(body);
         let mut queue = lock(&self.queue);

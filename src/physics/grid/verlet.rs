@@ -183,7 +183,8 @@ impl GridBody {
         };
         if let (Some(flight), Some(status)) = (self.flight.take(), status.first()) {
             let dt = flight.dt;
-            if status.lost != 0.0 || !(status.reach < FARTHEST * FARTHEST) {
+            let sound = status.lost == 0.0 && status.reach < FARTHEST * FARTHEST;
+            if !sound {
                 self.errands.clear();
                 self.fall_back(&flight)?;
                 return Err(self.failure(flight.steps, dt));
