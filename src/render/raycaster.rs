@@ -105,7 +105,7 @@ impl Raycaster {
         &self.geometry
     }
 
-    /// What it draws, to be told that it [`moved`](Geometry::moved).
+    /// What it draws, to follow the cuts of its mesh.
     pub fn geometry_mut(&mut self) -> &mut Geometry {
         &mut self.geometry
     }

@@ -1,5 +1,5 @@
 //! The explicit schemes: each proposes where the nodes go, from their state and the forces there.
-//! The twins of `reference::steppers`.
+//! The twins of `plain::steppers`.
 
 use super::pool::{Nodes, Plan};
 use super::real::Real;
