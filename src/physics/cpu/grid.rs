@@ -107,8 +107,17 @@ impl<T: Real> CpuGrid<T> {
         }
     }
 
-    fn to_file(&self, x: DVec3) -> DVec3 {
-        self.model.frame.origin + x / self.model.length_unit
+    /// Positions in file units of those in metres; particles that the body has not are where the
+    /// mesh has them.
+    fn places(&self, metres: &[DVec3]) -> Vec<DVec3> {
+        let (origin, unit) = (self.model.frame.origin, self.model.length_unit);
+        let nodes = metres.iter().zip(&self.mesh.nodes).zip(&self.model.masses);
+        nodes
+            .map(|((x, rest), mass)| match *mass > 0.0 {
+                true => origin + *x / unit,
+                false => *rest,
+            })
+            .collect()
     }
 
     fn to_metres(&self, p: DVec3) -> DVec3 {
@@ -121,7 +130,7 @@ impl<T: Real> CpuGrid<T> {
             return Ok(());
         };
         self.shown = version;
-        let places: Vec<DVec3> = positions.iter().map(|x| self.to_file(*x)).collect();
+        let places = self.places(&positions);
         self.nodes.set_positions(&places)?;
         match &self.normals {
             Some(normals) => {
@@ -271,7 +280,7 @@ impl<T: Real> Simulator for CpuGrid<T> {
 
     fn positions(&self) -> Result<Vec<DVec3>> {
         let metres = self.worker.body().positions();
-        Ok(metres.iter().map(|x| self.to_file(*x)).collect())
+        Ok(self.places(&metres))
     }
 
     fn velocities(&self) -> Result<Vec<DVec3>> {

@@ -10,7 +10,7 @@ use std::sync::Arc;
 fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>, Floor) {
     let mesh = generate::ball(0.05, 6).unwrap();
     let material = Material {
-        damping_time: 2e-3,
+        damping_time: 6e-3,
         ..Material::young(2e4)
     };
     let choice = EngineChoice::This(engine);
@@ -21,7 +21,7 @@ fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>
     }
     ball.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
     let dt = ball.largest_stable_step().map_or(0.005, |h| 0.9 * h);
-    ball.run((0.5 / dt) as u32, dt).unwrap();
+    ball.run((1.5 / dt) as u32, dt).unwrap();
     (ball, term)
 }
 
