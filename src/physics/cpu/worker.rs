@@ -132,6 +132,8 @@ struct Queue {
     errands: VecDeque<Errand>,
     busy: bool,
     quit: bool,
+    /// Whether what is left of the steps under way is to be dropped.
+    dropping: bool,
     progress: Progress,
     /// Steps of one length, and the time before them.
     span: Span,
@@ -257,10 +259,12 @@ impl<B: Stepped> Worker<B> {
     pub fn rest(&self) {
         let mut queue = lock(&self.shared.queue);
         queue.errands.clear();
+        queue.dropping = true;
         while queue.busy {
             let waited = self.shared.idle.wait(queue);
             queue = waited.unwrap_or_else(PoisonError::into_inner);
         }
+        queue.dropping = false;
         (queue.failure, queue.refused) = (None, None);
     }
 
@@ -428,7 +432,7 @@ impl<B: Stepped> Shared<B> {
             let progress = queue.progress;
             drop(queue);
             self.drop_steps().failure = Some((why, dt, progress));
-        } else if done < left {
+        } else if done < left && !queue.dropping {
             queue.errands.push_front(Errand::Steps(left - done, dt));
         }
     }
