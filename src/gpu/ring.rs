@@ -4,6 +4,7 @@
 use super::{Gpu, Recorder};
 use crate::{Error, Result};
 use std::collections::VecDeque;
+use std::sync::PoisonError;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 type Mapped = std::result::Result<(), wgpu::BufferAsyncError>;
@@ -72,25 +73,28 @@ impl Ring {
         let Some((_, receiver)) = self.flying.front_mut() else {
             return Ok(None);
         };
-        if wait && !cfg!(target_arch = "wasm32") {
+        let receiver = receiver.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let lost = |why: String| Error::DeviceLost(why);
+        let mapped = if wait && !cfg!(target_arch = "wasm32") {
             self.gpu.count_readback();
             self.gpu.wait()?;
+            // Another thread that polls the device may be the one to say so, a moment later.
+            receiver.recv().map_err(|e| lost(e.to_string()))?
         } else {
             self.gpu.check()?;
-        }
-        let lost = |why: String| Error::DeviceLost(why);
-        let told = receiver.get_mut().map(|r| r.try_recv());
-        match told {
-            Ok(Ok(mapped)) => mapped.map_err(|e| lost(e.to_string()))?,
-            Ok(Err(TryRecvError::Empty)) if wait => {
-                let why = "a browser cannot wait for the device; look again later";
-                return Err(Error::Gpu(why.into()));
+            match receiver.try_recv() {
+                Ok(mapped) => mapped,
+                Err(TryRecvError::Empty) if wait => {
+                    let why = "a browser cannot wait for the device; look again later";
+                    return Err(Error::Gpu(why.into()));
+                }
+                Err(TryRecvError::Empty) => return Ok(None),
+                Err(TryRecvError::Disconnected) => {
+                    return Err(lost("a copy never came back".into()));
+                }
             }
-            Ok(Err(TryRecvError::Empty)) => return Ok(None),
-            Ok(Err(TryRecvError::Disconnected)) | Err(_) => {
-                return Err(lost("a copy never came back".into()));
-            }
-        }
+        };
+        mapped.map_err(|e| lost(e.to_string()))?;
         let Some((staging, _)) = self.flying.pop_front() else {
             return Ok(None);
         };
