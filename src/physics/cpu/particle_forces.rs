@@ -1,5 +1,5 @@
 //! Spring forces on a regular grid of particles, row by row in SIMD lanes: the inner loops of
-//! [`super::grid`].
+//! [`super::particles`].
 //!
 //! Every spring is computed once, from the particle that it leads forward from, for a run of
 //! consecutive particles at a time: all of them have their neighbours of a kind at one distance in
