@@ -1,4 +1,5 @@
-//! Bodies stepped on the CPU: threads over nodes in Morton order, generic over f32 and f64.
+//! Bodies stepped on the CPU by threads, generic over f32 and f64; nodes in the order of a
+//! recursive bisection, so that those of one group lie together in space and in memory.
 
 mod body;
 mod cg;
