@@ -1,8 +1,9 @@
 //! What computes the steps of a body.
 
+use super::grid::{GpuGrid, GridBody, GridModel};
 use super::{
-    Body, ConjugateGradients, CpuTets, GpuTets, ImplicitEuler, Material, Simulator, Solver,
-    SolverKind, SpringNetwork,
+    Body, ConjugateGradients, CpuGrid, CpuTets, GpuTets, ImplicitEuler, Material, Simulator,
+    Solver, SolverKind, SpringNetwork,
 };
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -81,6 +82,24 @@ impl EngineChoice {
         let network = SpringNetwork::new(&mesh, material)?;
         let settings = ConjugateGradients::default();
         self.tets_of(gpu, (mesh, network), material, (kind, settings))
+    }
+
+    /// The particles of `model`, at rest, drawn as `mesh`, on the engine that is wanted.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for the mesh of another model or a damping that makes no sense,
+    /// [`Error::Gpu`] when the particles do not fit the device.
+    pub fn grid(self, gpu: &Gpu, mesh: TetMesh, model: GridModel) -> Result<Box<dyn Simulator>> {
+        let rate = model.damping;
+        if !(rate.is_finite() && rate >= 0.0) {
+            return Err(Error::Input(format!(
+                "a damping rate of {rate} 1/s makes no sense; give 0 or more"
+            )));
+        }
+        Ok(match self.engine(gpu) {
+            Engine::Gpu => Box::new(GpuGrid::new(gpu, GridBody::new(gpu, model)?, mesh)?),
+            Engine::Cpu => Box::new(CpuGrid::<f32>::new(gpu, model, mesh)?),
+        })
     }
 
     /// As [`EngineChoice::tets`], with masses and springs of one's own, and linear solves that

@@ -6,7 +6,7 @@
 //! Euler are exact for any damping: at the limit a displacement changes its sign in every step,
 //! and 4 is the largest eigenvalue of M⁻¹(h²K + 2hC), of velocity Verlet M⁻¹(h²K + 4hC).
 
-use super::grid::plain::GridTwin;
+use super::grid::GridModel;
 use super::lanczos::{Eigenpair, any_vector, dot, largest_eigenpair};
 use crate::physics::{Damping, SolverKind, SpringNetwork};
 use glam::{DMat3, DVec3};
@@ -166,26 +166,28 @@ impl Linearised {
         }
     }
 
-    /// A grid of particles at rest.
-    pub fn of_grid(grid: &GridTwin) -> Linearised {
+    /// The particles of a grid at rest.
+    pub fn of_grid(grid: &GridModel) -> Linearised {
+        let (shape, offsets) = (&grid.shape, grid.shape.offsets());
         let mut links = Vec::new();
-        for i in grid.particles.iter().map(|i| *i as usize) {
-            for kind in 0..grid.offsets.len() {
+        for i in shape.particles() {
+            for (kind, offset) in offsets.into_iter().enumerate() {
                 if grid.springs[i] >> (2 * kind) & 1 == 0 {
                     continue;
                 }
-                let j = (i as i64 + grid.offsets[kind]) as usize;
+                let j = (i as i64 + offset) as usize;
                 links.push(Link {
                     nodes: [i, j],
-                    direction: (grid.x[j] - grid.x[i]).normalize_or_zero(),
+                    direction: (shape.place(j) - shape.place(i)).normalize_or_zero(),
                     stiffness: 0.5 * (grid.factors[i] + grid.factors[j]) * grid.stiffness[kind],
                     damping: 0.0,
                 });
             }
         }
+        let inverse = |m: &f64| if *m > 0.0 { 1.0 / m } else { 0.0 };
         Linearised {
             links,
-            weights: grid.inverse_masses.iter().map(|w| w.sqrt()).collect(),
+            weights: grid.masses.iter().map(|m| inverse(m).sqrt()).collect(),
             kind: Damping::Axial,
             proportional: true,
             drag: grid.damping,

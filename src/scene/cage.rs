@@ -108,7 +108,8 @@ impl Scene {
         let mut inner: Box<dyn Simulator> = match cage.grid.take() {
             Some(mut model) => {
                 model.damping = entry.damping.unwrap_or(model.damping);
-                self.grid_of(gpu, cage.mesh.clone(), model)?
+                let engine = self.solver.engine.unwrap_or_default();
+                engine.grid(gpu, cage.mesh.clone(), model)?
             }
             None => {
                 let mut network = cage.network.clone();

@@ -5,10 +5,10 @@ use super::{FloorEntry, Scene};
 use crate::cage::CageReport;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
+use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    ConjugateGradients, CpuGrid, Engine, Floor, HeldEnd, Material, Simulator, SolverKind,
-    SpringNetwork, largest_stable_step,
+    ConjugateGradients, Floor, HeldEnd, Material, Simulator, SolverKind, SpringNetwork,
+    largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -193,30 +193,12 @@ impl Scene {
         if let Some(rate) = self.grid.as_ref().and_then(|g| g.damping) {
             model.damping = rate;
         }
-        let simulator = self.grid_of(gpu, mesh, model)?;
+        let engine = self.solver.engine.unwrap_or_default();
+        let simulator = engine.grid(gpu, mesh, model)?;
         let setup = self.set_up(simulator, notes)?;
         Ok(Setup {
             grid: true,
             ..setup
-        })
-    }
-
-    /// What steps the particles of `model`, on the engine that is wanted.
-    pub(super) fn grid_of(
-        &self,
-        gpu: &Gpu,
-        mesh: TetMesh,
-        model: GridModel,
-    ) -> Result<Box<dyn Simulator>> {
-        let rate = model.damping;
-        if !(rate.is_finite() && rate >= 0.0) {
-            return Err(Error::Input(format!(
-                "a damping rate of {rate} 1/s makes no sense; give 0 or more"
-            )));
-        }
-        Ok(match self.solver.engine.unwrap_or_default().engine(gpu) {
-            Engine::Gpu => Box::new(GpuGrid::new(gpu, GridBody::new(gpu, model)?, mesh)?),
-            Engine::Cpu => Box::new(CpuGrid::<f32>::new(gpu, model, mesh)?),
         })
     }
 

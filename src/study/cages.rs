@@ -103,7 +103,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     }
     scene.cage = None;
     scene.solver.name = Some("implicit".into());
-    let mesh = scene.mesh.load()?;
+    let mesh = scene.mesh_of_one()?;
     let name = match (&scene.mesh.generate, &scene.mesh.file) {
         (Some(name), _) => name.clone(),
         (None, Some(file)) => file

@@ -15,6 +15,7 @@ mod scaling;
 mod sheet;
 mod stability;
 mod state_map;
+pub mod truth;
 
 pub use chart::{Chart, Look, Series};
 pub use run::Run;

@@ -3,4 +3,3 @@
 pub mod linear;
 pub mod springs;
 pub mod steppers;
-pub mod truth;

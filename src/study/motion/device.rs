@@ -1,10 +1,9 @@
-//! The motions of a trial on the GPU: run, timed, read back.
+//! The motions of a trial by the engine there is: run, timed, read back.
 
 use super::trial::{STOPS, Setting};
-use crate::physics::plain::truth::State;
 use crate::physics::{ConjugateGradients, Simulator};
+use crate::study::truth::State;
 use crate::{Error, FailureCause, Result};
-use glam::DVec3;
 use std::time::Instant;
 
 /// A residual that is taken whatever it is.
@@ -16,7 +15,7 @@ const SHORT: f64 = 100.0;
 /// What a motion came to that ran to its end, until it is compared.
 pub const ACCURATE: &str = "accurate";
 
-/// What became of a motion on the GPU.
+/// What became of a motion.
 pub struct Outcome {
     /// [`ACCURATE`] until it is compared, or how it failed.
     pub state: &'static str,
@@ -40,7 +39,7 @@ pub fn on_engine(
     h: f64,
 ) -> Result<Outcome> {
     simulator.set_integrator(setting.kind, settings(setting))?;
-    let reset = |simulator: &mut dyn Simulator| put(simulator, start);
+    let reset = |simulator: &mut dyn Simulator| start.put(simulator);
     reset(simulator)?;
     if let Some(failed) = failure(simulator.run(1, h).map(|_| ()))? {
         return Ok(failed);
@@ -65,25 +64,6 @@ fn settings(setting: Setting) -> ConjugateGradients {
             false => default.acceptable.max(tolerance),
         },
     }
-}
-
-/// Puts a body where its twin starts.
-fn put(simulator: &mut dyn Simulator, start: &State) -> Result<()> {
-    let (frame, unit) = simulator.loads().frame_and_unit();
-    let x: Vec<DVec3> = start.x.iter().map(|x| *x / unit + frame.origin).collect();
-    let v: Vec<DVec3> = start.v.iter().map(|v| *v / unit).collect();
-    simulator.set_positions(&x)?;
-    simulator.set_velocities(&v)
-}
-
-fn state_of(simulator: &dyn Simulator) -> Result<State> {
-    let (frame, unit) = simulator.loads().frame_and_unit();
-    let x = simulator.positions()?;
-    let v = simulator.velocities()?;
-    Ok(State {
-        x: x.iter().map(|x| (*x - frame.origin) * unit).collect(),
-        v: v.iter().map(|v| *v * unit).collect(),
-    })
 }
 
 /// The outcome of a run that failed, if it did.
@@ -127,7 +107,7 @@ fn timed(
             if let Some(failed) = failure(result)? {
                 return Ok(failed);
             }
-            outcome.states.push(state_of(simulator)?);
+            outcome.states.push(State::of(simulator)?);
         }
         outcome.ms = outcome.ms.min(ms);
         if ms > SHORT {

@@ -11,6 +11,7 @@ mod trial;
 use super::{Cell, Row, Run};
 use crate::Result;
 use crate::physics::{ConjugateGradients, SolverKind};
+use crate::study::truth::fitted_order;
 use std::path::Path;
 use trial::{STOPS, Setting, Trial};
 
@@ -164,7 +165,7 @@ fn truths(run: &Run, trials: &mut [Trial]) -> Result<Vec<Row>> {
             "float64, extrapolated".into(),
             rounded(trial.h(2 * last.steps)),
             rounded(last.change),
-            rounded(crate::physics::plain::truth::fitted_order(&changes)),
+            rounded(fitted_order(&changes)),
             rounded(last.extrapolated),
             halvings.len().into(),
         ])

@@ -1,9 +1,9 @@
 //! How fast the schemes come to the truth as the step shrinks, in float64.
 
+use crate::gpu::Gpu;
 use crate::mesh::generate;
-use crate::physics::plain::springs::Particles;
-use crate::physics::plain::truth::{State, TwinScheme, distance, fitted_order, motion, truth};
-use crate::physics::{Material, SolverKind, SpringNetwork};
+use crate::physics::{CpuTets, Material, Simulator, SolverKind};
+use crate::study::truth::{State, converged, distance, fitted_order, motion, truth};
 use crate::study::{Axis, Chart, Look, Row, Run, Series};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -25,20 +25,19 @@ pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
             }
         }
     }
-    let mut known: Option<(String, Particles, Vec<State>)> = None;
+    let mut known: Option<(String, Bar)> = None;
     let settings = ["motion", "solver", "h_s"];
     let rows = run.measure("motion_orders", &settings, &["error"], &points, |point| {
         let name = point[0].text();
         if known.as_ref().is_none_or(|k| k.0 != name) {
             let time = DAMPED.iter().find(|d| d.0 == name).map_or(0.0, |d| d.1);
-            let p = bar(time)?;
-            let states = exact(&p)?;
-            known = Some((name.to_owned(), p, states));
+            known = Some((name.to_owned(), Bar::new(run.gpu, time)?));
         }
-        let error = known.as_ref().map_or(f64::NAN, |(_, p, states)| {
-            let steps = (h(1) / point[2].number()).round() as u32;
-            error(p, point[1].text(), steps, states)
-        });
+        let steps = (h(1) / point[2].number()).round() as u32;
+        let error = match &mut known {
+            Some((_, bar)) => bar.error(point[1].text(), steps)?,
+            None => f64::NAN,
+        };
         Ok(vec![super::rounded(error)])
     })?;
     let mut text =
@@ -58,7 +57,7 @@ pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
         Chart {
             title: format!("Order of convergence, {name}"),
             x: Axis::log("step h (s)"),
-            y: Axis::log("relative L2 error of the float64 twin"),
+            y: Axis::log("relative L2 error in float64"),
             series: series.to_vec(),
         }
         .save(run.dir, &chart)?;
@@ -90,52 +89,66 @@ fn places(rows: &[Row], name: &str, kind: SolverKind) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// The paper's bar, held at one end and given a turn.
-fn bar(damping_time: f64) -> Result<Particles> {
-    let mesh = generate::paper_bar()?;
-    let size = generate::PAPER_BAR_SIZE;
-    let material = Material {
-        damping_time,
-        ..Material::paper(3_000.0, 0.0)
-    };
-    let mut p = Particles::new(SpringNetwork::new(&mesh, &material)?);
-    p.gravity = DVec3::new(0.0, 0.0, -9.81);
-    for (i, x) in mesh.nodes.iter().enumerate() {
-        let from_axis = *x - 0.5 * size;
-        p.pinned[i] = x.x < 1e-6;
-        p.v[i] = 20.0 * x.x / size.x * DVec3::X.cross(from_axis);
+/// The paper's bar, in float64, and how it swings.
+struct Bar {
+    simulator: CpuTets<f64>,
+    start: State,
+    truth: Vec<State>,
+    /// About how far it moves, over all stops and nodes, m.
+    way: f64,
+}
+
+impl Bar {
+    /// Held at one end and given a turn.
+    fn new(gpu: &Gpu, damping_time: f64) -> Result<Bar> {
+        let mesh = generate::paper_bar()?;
+        let size = generate::PAPER_BAR_SIZE;
+        let material = Material {
+            damping_time,
+            ..Material::paper(3_000.0, 0.0)
+        };
+        let (kind, settings) = converged(SolverKind::VelocityVerlet);
+        let mut simulator = CpuTets::new(gpu, mesh.clone(), &material, kind, settings)?;
+        let nodes = (0u32..).zip(&mesh.nodes);
+        let held: Vec<u32> = nodes.filter(|n| n.1.x < 1e-6).map(|n| n.0).collect();
+        simulator.pin_nodes(&held)?;
+        let gravity = DVec3::new(0.0, 0.0, -9.81);
+        simulator.loads_mut().set_gravity(gravity);
+        let mut start = State::rest(&simulator);
+        for (v, x) in start.v.iter_mut().zip(&mesh.nodes) {
+            *v = 20.0 * x.x / size.x * DVec3::X.cross(*x - 0.5 * size);
+        }
+        let mut bar = Bar {
+            simulator,
+            start,
+            truth: Vec::new(),
+            way: 1.0,
+        };
+        let rest = State::rest(&bar.simulator);
+        if let Some(states) = bar.motion(SolverKind::Verlet, 64)? {
+            bar.way = distance(&states, &vec![rest; states.len()]);
+        }
+        let way = bar.way;
+        let run = |steps| bar.motion(SolverKind::VelocityVerlet, steps);
+        let found = truth(64, 1 << 12, 1e-9, way, run)?;
+        let found = found.ok_or_else(|| Error::Input("the bar flies apart in float64".into()))?;
+        bar.truth = found.states;
+        Ok(bar)
     }
-    Ok(p)
-}
 
-fn exact(p: &Particles) -> Result<Vec<State>> {
-    let scheme = TwinScheme::converged(SolverKind::VelocityVerlet);
-    let run = |steps| motion(p, scheme, DURATION, STOPS, steps);
-    truth(64, 1 << 12, 1e-9, way(p), run)
-        .map(|t| t.states)
-        .ok_or_else(|| Error::Input("the bar flies apart in float64".into()))
-}
+    fn motion(&mut self, kind: SolverKind, steps: u32) -> Result<Option<Vec<State>>> {
+        let steps = [STOPS, steps];
+        motion(
+            &mut self.simulator,
+            &self.start,
+            converged(kind),
+            DURATION,
+            steps,
+        )
+    }
 
-/// About how far the bar moves, over all stops and nodes, m.
-fn way(p: &Particles) -> f64 {
-    let run = motion(
-        p,
-        TwinScheme::converged(SolverKind::Verlet),
-        DURATION,
-        STOPS,
-        64,
-    );
-    let rest = State {
-        x: p.network.rest.clone(),
-        v: Vec::new(),
-    };
-    run.map_or(1.0, |states| distance(&states, &vec![rest; states.len()]))
-}
-
-fn error(p: &Particles, solver: &str, steps: u32, truth: &[State]) -> f64 {
-    let Ok(kind) = solver.parse::<SolverKind>() else {
-        return f64::NAN;
-    };
-    let found = motion(p, TwinScheme::converged(kind), DURATION, STOPS, steps);
-    found.map_or(f64::NAN, |found| distance(&found, truth) / way(p))
+    fn error(&mut self, solver: &str, steps: u32) -> Result<f64> {
+        let found = self.motion(solver.parse()?, steps)?;
+        Ok(found.map_or(f64::NAN, |found| distance(&found, &self.truth) / self.way))
+    }
 }

@@ -4,10 +4,10 @@ use super::trial::Trial;
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, generate};
 use crate::mesher::Domain;
-use crate::physics::grid::{GridBody, GridModel, GridShape};
-use crate::physics::plain::truth::State;
-use crate::physics::{Body, Material, RegionMaterial, SolverKind};
+use crate::physics::grid::{GridModel, GridShape};
+use crate::physics::{CpuGrid, EngineChoice, Material, RegionMaterial, Simulator, SolverKind};
 use crate::scene::{Motion, Scene};
+use crate::study::truth::State;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::path::Path;
@@ -34,14 +34,31 @@ pub fn all(gpu: &Gpu, quick: bool) -> Result<Vec<Trial>> {
     Ok(trials)
 }
 
+/// `mesh` made of `material`, held where `held` says, stepped by the engine there is.
+fn body(
+    gpu: &Gpu,
+    mesh: TetMesh,
+    material: &Material,
+    held: impl Fn(DVec3) -> bool,
+) -> Result<Box<dyn Simulator>> {
+    let nodes = nodes_where(&mesh, held);
+    let kind = SolverKind::Symplectic;
+    let mut simulator = EngineChoice::Auto.tets(gpu, mesh, material, kind)?;
+    simulator.pin_nodes(&nodes)?;
+    Ok(simulator)
+}
+
+fn nodes_where(mesh: &TetMesh, wanted: impl Fn(DVec3) -> bool) -> Vec<u32> {
+    let nodes = (0u32..).zip(&mesh.nodes);
+    nodes.filter(|n| wanted(*n.1)).map(|n| n.0).collect()
+}
+
 /// The paper's bar, one end held, let go under gravity; undamped.
 fn released(gpu: &Gpu, kappa: f64) -> Result<Trial> {
     let mesh = generate::paper_bar()?;
-    let mut body = Body::new(gpu, &mesh, &Material::paper(kappa, 0.0))?;
-    body.pin(|p| p.x < 1e-6);
-    body.set_gravity(GRAVITY);
-    let stiffness = (kappa, "N/m");
-    Trial::tets(gpu, "released", stiffness, DURATION, (mesh, body), None)
+    let mut body = body(gpu, mesh, &Material::paper(kappa, 0.0), |p| p.x < 1e-6)?;
+    body.loads_mut().set_gravity(GRAVITY);
+    Trial::of_springs(gpu, "released", (kappa, "N/m"), DURATION, body, None)
 }
 
 /// A bar, one end held, the other turned by a radian and let go; damped.
@@ -52,26 +69,16 @@ fn twisted(gpu: &Gpu) -> Result<Trial> {
         damping_time: 1e-3,
         ..Material::young(5e4)
     };
-    let mut body = Body::new(gpu, &mesh, &material)?;
-    body.pin(|p| p.x < 1e-6);
+    let body = body(gpu, mesh, &material, |p| p.x < 1e-6)?;
+    let mut start = State::rest(body.as_ref());
+    let (frame, unit) = body.loads().frame_and_unit();
     let middle = DVec3::new(0.0, 0.5 * size.y, 0.5 * size.z);
-    let turned = mesh.nodes.iter().map(|p| {
+    for (x, p) in start.x.iter_mut().zip(&body.mesh().nodes) {
         let turn = DMat3::from_rotation_x(p.x / size.x);
-        body.network().to_metres(middle + turn * (*p - middle))
-    });
-    let start = State {
-        x: turned.collect(),
-        v: vec![DVec3::ZERO; mesh.nodes.len()],
-    };
+        *x = (middle + turn * (*p - middle) - frame.origin) * unit;
+    }
     let stiffness = (5e4, "Pa");
-    Trial::tets(
-        gpu,
-        "twisted",
-        stiffness,
-        DURATION,
-        (mesh, body),
-        Some(start),
-    )
+    Trial::of_springs(gpu, "twisted", stiffness, DURATION, body, Some(start))
 }
 
 /// The limb phantom, held at the elbow and pressed on the back of its hand; damped, its bones
@@ -95,17 +102,11 @@ fn pressed(gpu: &Gpu) -> Result<Trial> {
         regions: hard.map(|t| (i64::from(t.label), bone)).collect(),
         ..soft
     };
-    let mut body = Body::new(gpu, &mesh, &material)?;
-    body.pin(|p| p.x < 0.04);
-    body.add_force(DVec3::new(0.0, 0.0, -2.0), |p| p.x > 0.18 && p.x < 0.24)?;
-    Trial::tets(
-        gpu,
-        "pressed",
-        (5e4, "Pa"),
-        2.0 * DURATION,
-        (mesh, body),
-        None,
-    )
+    let mut body = body(gpu, mesh, &material, |p| p.x < 0.04)?;
+    let hand = nodes_where(body.mesh(), |p| p.x > 0.18 && p.x < 0.24);
+    let loads = body.loads_mut();
+    loads.add_force(DVec3::new(0.0, 0.0, -2.0), &hand)?;
+    Trial::of_springs(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
 }
 
 /// A block of grid particles, one end held, the other pulled and bent; damped.
@@ -114,26 +115,24 @@ fn pulled(gpu: &Gpu) -> Result<Trial> {
     let shape = GridShape::carve(&Block(size), DVec3::splat(0.01), DMat3::IDENTITY)?;
     let mut model = GridModel::new(shape, &Material::young(5e4))?;
     model.damping = 2.0;
-    let mut twin = model.twin();
-    let mut body = GridBody::new(gpu, model)?;
-    let particles = || body.model().shape.particles();
-    let at = |i: usize| body.model().shape.place(i).x;
-    let held: Vec<u32> = particles()
-        .filter(|i| at(*i) < 1e-6)
-        .map(|i| i as u32)
-        .collect();
-    let end: Vec<usize> = particles().filter(|i| at(*i) > size.x - 1e-6).collect();
-    let share = DVec3::new(2.0, 0.0, -1.0) / end.len().max(1) as f64;
-    for i in end {
-        // As the GPU has it.
-        twin.forces[i] = share.as_vec3().as_dvec3();
+    let mesh = model.shape.mesh(&model.springs)?;
+    let of_body = |wanted: &dyn Fn(f64) -> bool| -> Vec<u32> {
+        let particles = model.shape.particles();
+        let there = particles.filter(|i| wanted(model.shape.place(*i).x));
+        there.map(|i| i as u32).collect()
+    };
+    let held = of_body(&|x| x < 1e-6);
+    let end = of_body(&|x| x > size.x - 1e-6);
+    let mut both: [Box<dyn Simulator>; 2] = [
+        EngineChoice::Auto.grid(gpu, mesh.clone(), model.clone())?,
+        Box::new(CpuGrid::<f64>::new(gpu, model, mesh)?),
+    ];
+    for body in &mut both {
+        body.pin_nodes(&held)?;
+        let loads = body.loads_mut();
+        loads.add_force(DVec3::new(2.0, 0.0, -1.0), &end)?;
     }
-    body.pin_nodes(&held)?;
-    body.set_forces(&twin.forces)?;
-    for i in held {
-        twin.inverse_masses[i as usize] = 0.0;
-    }
-    Trial::grid(gpu, "pulled", (5e4, "Pa"), DURATION, body, twin)
+    Ok(Trial::new("pulled", (5e4, "Pa"), DURATION, both, None))
 }
 
 /// The box from the origin to a corner.
@@ -156,10 +155,10 @@ impl Domain for Block {
 fn falling(gpu: &Gpu) -> Result<Trial> {
     let kappa = 3_000.0;
     let mesh = generate::paper_bar()?;
-    let mut body = Body::new(gpu, &mesh, &Material::paper(kappa, 0.0))?;
-    body.set_gravity(GRAVITY);
+    let mut body = body(gpu, mesh, &Material::paper(kappa, 0.0), |_| false)?;
+    body.loads_mut().set_gravity(GRAVITY);
     let thrown = DVec3::new(1.0, 0.5, 2.0);
-    let rest = body.network().rest.clone();
+    let rest = State::rest(body.as_ref()).x;
     let exact = move |t: f64| State {
         x: rest
             .iter()
@@ -167,16 +166,8 @@ fn falling(gpu: &Gpu) -> Result<Trial> {
             .collect(),
         v: vec![thrown + t * GRAVITY; rest.len()],
     };
-    let start = exact(0.0);
-    let stiffness = (kappa, "N/m");
-    let trial = Trial::tets(
-        gpu,
-        "falling",
-        stiffness,
-        DURATION,
-        (mesh, body),
-        Some(start),
-    )?;
+    let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
+    let trial = Trial::of_springs(gpu, "falling", stiffness, DURATION, body, start)?;
     Ok(trial.exactly(Box::new(exact)))
 }
 
@@ -186,9 +177,9 @@ fn breathing(gpu: &Gpu) -> Result<Trial> {
     let corners = [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]];
     let nodes = corners.map(|c| 0.05 * DVec3::from(c.map(f64::from)));
     let mesh = TetMesh::new(nodes.to_vec(), vec![[0, 1, 2, 3]], Vec::new(), Vec::new())?;
-    let body = Body::new(gpu, &mesh, &Material::paper(kappa, 0.0))?;
-    let rest = body.network().rest.clone();
-    let omega = (4.0 * kappa / body.network().masses[0]).sqrt();
+    let body = body(gpu, mesh, &Material::paper(kappa, 0.0), |_| false)?;
+    let rest = State::rest(body.as_ref()).x;
+    let omega = (4.0 * kappa / body.masses()[0]).sqrt();
     let middle = rest.iter().sum::<DVec3>() / 4.0;
     let exact = move |t: f64| {
         let of = |by: f64, x: &DVec3| by * (*x - middle);
@@ -198,16 +189,8 @@ fn breathing(gpu: &Gpu) -> Result<Trial> {
             v: rest.iter().map(|x| of(-stretch * omega * sin, x)).collect(),
         }
     };
-    let start = exact(0.0);
-    let stiffness = (kappa, "N/m");
-    let trial = Trial::tets(
-        gpu,
-        "spring",
-        stiffness,
-        2.0 * DURATION,
-        (mesh, body),
-        Some(start),
-    )?;
+    let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
+    let trial = Trial::of_springs(gpu, "spring", stiffness, 2.0 * DURATION, body, start)?;
     Ok(trial.exactly(Box::new(exact)))
 }
 
@@ -234,7 +217,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     if !(scene.grab.is_empty() && scene.cut.is_empty()) {
         return Err(refused("grabs or cuts"));
     }
-    let mesh = scene.mesh.load()?;
+    let mesh = scene.mesh_of_one()?;
     let kind = scene.solver.name.as_deref().unwrap_or("implicit").parse()?;
     let (motion, _) = Motion::new(gpu, &scene, kind, mesh, None)?;
     let duration = motion.dt * f64::from(scene.solver.steps.unwrap_or(50).max(1));
@@ -250,7 +233,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     };
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = stem.unwrap_or_else(|| "scene".into());
-    let trial = Trial::of_springs(&name, stiffness, duration, simulator, None);
+    let trial = Trial::of_springs(gpu, &name, stiffness, duration, simulator, None)?;
     // The truth takes at least three motions, the last of four times as many steps.
     let steps = 4.0 * 7.0 * f64::from(trial.fewest_stable(SolverKind::VelocityVerlet));
     if steps * (STEP + springs as f64) > AFFORDABLE {

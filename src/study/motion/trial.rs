@@ -1,13 +1,13 @@
-//! A body that moves, on the GPU and in float64, and the motion it ought to make.
+//! A body that moves, by the engine there is and in float64, and the motion it ought to make.
 
 use super::device::{ACCURATE, on_engine};
 use crate::gpu::Gpu;
-use crate::mesh::{TetMesh, signed_volume};
-use crate::physics::grid::plain::GridTwin;
-use crate::physics::grid::{GpuGrid, GridBody};
-use crate::physics::plain::springs::Particles;
-use crate::physics::plain::truth::{self, State, Truth, TwinScheme};
-use crate::physics::{Body, GpuTets, Simulator, SolverKind, largest_stable_step};
+use crate::mesh::signed_volume;
+use crate::physics::{
+    ConjugateGradients, CpuTets, Material, Simulator, SolverKind, SpringNetwork,
+    largest_stable_step,
+};
+use crate::study::truth::{Scheme, State, Truth, converged, distance, motion, truth};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -17,6 +17,17 @@ pub const STOPS: u32 = 4;
 
 /// What halving the step may still change of what the truth is extrapolated to, relative.
 const TRUTH: f64 = 1e-7;
+
+/// Of what a trial has solved: the motion in float64, and that by the engine.
+const DOUBLE: usize = 0;
+const SINGLE: usize = 1;
+
+/// Linear solves that go as far as f32 does, wherever that is.
+const AS_FAR_AS_F32: ConjugateGradients = ConjugateGradients {
+    tolerance: 1e-7,
+    max_iterations: 2000,
+    acceptable: 1e6,
+};
 
 /// How a motion is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,12 +49,11 @@ pub struct Found {
     pub error: f64,
     /// Of the one node that is farthest off, relative to the longest way of any.
     pub largest: f64,
-    /// Of the scheme: its float64 twin, solved to the last digits, against the truth.
+    /// Of the scheme: in float64, solved to the last digits, against the truth.
     pub time: f64,
-    /// Of the linear solves: that twin with the same stop of conjugate gradients, against it
-    /// solved.
+    /// Of the linear solves: against the same engine's, solved as far as its numbers go.
     pub solver: f64,
-    /// Of f32: the GPU against that twin.
+    /// Of f32: the engine, solved as far as its numbers go, against float64.
     pub single: f64,
     /// Of the energy at a stop, relative to the largest energy of motion and springs.
     pub energy: f64,
@@ -53,14 +63,6 @@ pub struct Found {
     pub ms: f64,
     /// Iterations a step.
     pub iterations: f64,
-}
-
-/// The same body in float64, where it starts.
-enum Twin {
-    /// Of tets.
-    Tets(Box<Particles>),
-    /// Of a grid.
-    Grid(Box<GridTwin>),
 }
 
 /// Where a body would be at a time, where that is known exactly.
@@ -77,89 +79,70 @@ pub struct Trial {
     /// Seconds.
     pub duration: f64,
     simulator: Box<dyn Simulator>,
-    twin: Twin,
+    /// The same body in float64.
+    double: Box<dyn Simulator>,
+    /// Where it starts, and where it rests.
+    start: State,
+    rest: State,
     exact: Option<Exact>,
     truth: Option<Truth>,
-    /// Twins solved to the last digits, by solver and steps.
-    solved: HashMap<(SolverKind, u32), Option<Vec<State>>>,
+    /// Motions in float64, and by the engine, solved as far as each can, by solver and steps.
+    solved: [HashMap<(SolverKind, u32), Option<Vec<State>>>; 2],
 }
 
 impl Trial {
-    /// The motion of `body`, made of `mesh`, from the positions (in metres from its frame's
-    /// origin) and velocities given.
+    /// The motion of the body of `simulator`, which has springs and is at rest, under the loads
+    /// that it has: from `start`, or from rest.
     ///
     /// # Errors
-    /// What the device refuses.
-    pub fn tets(
-        gpu: &Gpu,
-        name: &str,
-        stiffness: (f64, &'static str),
-        duration: f64,
-        (mesh, body): (TetMesh, Body),
-        start: Option<State>,
-    ) -> Result<Trial> {
-        let solver = SolverKind::Symplectic.solver(gpu, &body)?;
-        let simulator = Box::new(GpuTets::of_body(mesh, body, solver)?);
-        Ok(Trial::of_springs(
-            name, stiffness, duration, simulator, start,
-        ))
-    }
-
-    /// The same of a simulator whose body has springs.
+    /// [`Error::Input`] for a body without springs; what the device refuses.
     pub fn of_springs(
+        gpu: &Gpu,
         name: &str,
         stiffness: (f64, &'static str),
         duration: f64,
         simulator: Box<dyn Simulator>,
         start: Option<State>,
-    ) -> Trial {
-        let network = simulator.network().cloned().unwrap_or_default();
-        let mut p = Particles::new(network);
-        let loads = simulator.loads();
-        p.pinned = loads.pinned().to_vec();
-        p.gravity = loads.gravity();
-        p.external = loads.forces().to_vec();
-        if let Some(start) = start {
-            (p.x, p.v) = (start.x, start.v);
-        }
-        Trial::new(name, stiffness, duration, simulator, Twin::Tets(p.into()))
-    }
-
-    /// The motion of a grid body, from rest.
-    ///
-    /// # Errors
-    /// What the device refuses.
-    pub fn grid(
-        gpu: &Gpu,
-        name: &str,
-        stiffness: (f64, &'static str),
-        duration: f64,
-        body: GridBody,
-        twin: GridTwin,
     ) -> Result<Trial> {
-        let mesh = body.mesh().clone();
-        let simulator = Box::new(GpuGrid::new(gpu, body, mesh)?);
-        let twin = Twin::Grid(twin.into());
-        Ok(Trial::new(name, stiffness, duration, simulator, twin))
+        let Some(network) = simulator.network() else {
+            return Err(Error::Input(format!("{name}: the body has no springs")));
+        };
+        let (kind, settings) = converged(simulator.integrator());
+        let own: (_, SpringNetwork) = (simulator.mesh().clone(), network.clone());
+        // The material counts where a body is cut.
+        let material = Material::young(1.0);
+        let mut double = CpuTets::<f64>::of_network(gpu, own.0, own.1, &material, kind, settings)?;
+        let (from, to) = (simulator.loads(), double.loads_mut());
+        let pinned = (0u32..).zip(from.pinned()).filter(|(_, pinned)| **pinned);
+        to.pin_nodes(&pinned.map(|(i, _)| i).collect::<Vec<_>>())?;
+        to.set_forces(from.forces())?;
+        to.set_gravity(from.gravity());
+        let both = [simulator, Box::new(double)];
+        Ok(Trial::new(name, stiffness, duration, both, start))
     }
 
-    fn new(
+    /// The motion of a body from `start`, or from rest: that of an engine, and the same in
+    /// float64.
+    pub fn new(
         name: &str,
         (stiffness, unit): (f64, &'static str),
         duration: f64,
-        simulator: Box<dyn Simulator>,
-        twin: Twin,
+        [simulator, double]: [Box<dyn Simulator>; 2],
+        start: Option<State>,
     ) -> Trial {
+        let rest = State::rest(double.as_ref());
         Trial {
             name: name.to_owned(),
             stiffness,
             unit,
             duration,
             simulator,
-            twin,
+            double,
+            start: start.unwrap_or_else(|| rest.clone()),
+            rest,
             exact: None,
             truth: None,
-            solved: HashMap::new(),
+            solved: Default::default(),
         }
     }
 
@@ -176,24 +159,25 @@ impl Trial {
 
     /// The solvers that can move it.
     pub fn kinds(&self) -> Vec<SolverKind> {
-        match self.twin {
-            Twin::Tets(_) => SolverKind::ALL.to_vec(),
-            Twin::Grid(_) => vec![SolverKind::Verlet],
+        match self.simulator.network() {
+            Some(_) => SolverKind::ALL.to_vec(),
+            None => vec![SolverKind::Verlet],
         }
     }
 
     /// The fewest steps between two stops, a power of two, at which `kind` is stable; 1 where
     /// any step is.
     pub fn fewest_stable(&self, kind: SolverKind) -> u32 {
-        let limit = match (&self.twin, self.simulator.network()) {
-            (Twin::Tets(p), Some(network)) => {
-                match largest_stable_step(network, &p.pinned, kind) {
+        let limit = match self.simulator.network() {
+            Some(network) => {
+                let pinned = self.simulator.loads().pinned();
+                match largest_stable_step(network, pinned, kind) {
                     // Never stable, but it takes long to show at steps that others can take.
-                    Some(0.0) => largest_stable_step(network, &p.pinned, SolverKind::Symplectic),
+                    Some(0.0) => largest_stable_step(network, pinned, SolverKind::Symplectic),
                     limit => limit,
                 }
             }
-            _ => self.simulator.largest_stable_step(),
+            None => self.simulator.largest_stable_step(),
         };
         let limit = 0.98 * limit.unwrap_or(f64::INFINITY);
         let wanted = (self.h(1) / limit).ceil().clamp(1.0, f64::from(1u32 << 30));
@@ -203,7 +187,7 @@ impl Trial {
     /// The motion it ought to make.
     ///
     /// # Errors
-    /// [`Error::Input`] where the float64 twin flies apart at every step that is affordable.
+    /// [`Error::Input`] where the body flies apart in float64 at every step that is affordable.
     pub fn truth(&mut self) -> Result<&Truth> {
         if self.truth.is_none() {
             self.truth = Some(self.find_truth()?);
@@ -218,7 +202,7 @@ impl Trial {
         ))
     }
 
-    fn find_truth(&self) -> Result<Truth> {
+    fn find_truth(&mut self) -> Result<Truth> {
         if let Some(exact) = &self.exact {
             let stops = 1..=STOPS;
             let states = stops.map(|k| exact(self.duration * f64::from(k) / f64::from(STOPS)));
@@ -227,33 +211,29 @@ impl Trial {
                 halvings: Vec::new(),
             });
         }
-        let steps = self.fewest_stable(SolverKind::VelocityVerlet);
-        let run = |steps| match &self.twin {
-            Twin::Tets(p) => {
-                let scheme = TwinScheme::converged(SolverKind::VelocityVerlet);
-                truth::motion(p, scheme, self.duration, STOPS, steps)
-            }
-            Twin::Grid(p) => truth::grid_motion(p, self.duration, STOPS, steps),
+        // Of second order.
+        let kind = match self.simulator.network() {
+            Some(_) => SolverKind::VelocityVerlet,
+            None => SolverKind::Verlet,
         };
-        let probe = run(2 * steps).ok_or_else(|| self.no_truth())?;
-        let scale = self.way(&probe);
-        truth::truth(steps, 64 * steps, TRUTH, scale, run).ok_or_else(|| self.no_truth())
-    }
-
-    /// √ΣΣ|x − rest|² over all stops: what errors are relative to.
-    fn way(&self, states: &[State]) -> f64 {
-        let rest = State {
-            x: self.rest().to_vec(),
-            v: Vec::new(),
+        let steps = self.fewest_stable(kind);
+        let mut run = |steps| {
+            let (double, start) = (self.double.as_mut(), &self.start);
+            motion(
+                double,
+                start,
+                converged(kind),
+                self.duration,
+                [STOPS, steps],
+            )
         };
-        truth::distance(states, &vec![rest; states.len()])
-    }
-
-    fn rest(&self) -> &[DVec3] {
-        match &self.twin {
-            Twin::Tets(p) => &p.network.rest,
-            Twin::Grid(p) => &p.x,
-        }
+        let probe = run(2 * steps)?;
+        let scale = probe.map(|probe| way(&self.rest, &probe));
+        let found = match scale {
+            Some(scale) => truth(steps, 64 * steps, TRUTH, scale, run)?,
+            None => None,
+        };
+        found.ok_or_else(|| self.no_truth())
     }
 
     /// Makes the motion, and tells its errors apart.
@@ -262,8 +242,7 @@ impl Trial {
     /// What the device refuses.
     pub fn measure(&mut self, setting: Setting) -> Result<Found> {
         let h = self.h(setting.steps);
-        let start = self.start();
-        let outcome = on_engine(self.simulator.as_mut(), &start, setting, h)?;
+        let outcome = on_engine(self.simulator.as_mut(), &self.start, setting, h)?;
         let mut found = Found {
             state: outcome.state,
             error: f64::NAN,
@@ -281,32 +260,26 @@ impl Trial {
         }
         found.ms = outcome.ms / self.duration;
         let truth = self.truth()?.states.clone();
-        let scale = self.way(&truth);
-        let solved = self.solved_twin(setting);
-        let twin = match setting.cg {
-            Some((tolerance, iterations)) => self.twin(
-                TwinScheme {
-                    kind: setting.kind,
-                    tolerance,
-                    iterations,
-                },
-                setting.steps,
-            ),
-            None => solved.clone(),
-        };
-        let apart = |a: &[State], b: &[State]| truth::distance(a, b) / scale;
+        let scale = way(&self.rest, &truth);
+        let apart = |a: &[State], b: &[State]| distance(a, b) / scale;
         found.error = apart(&outcome.states, &truth);
         found.largest = self.farthest(&outcome.states, &truth);
-        if let Some(solved) = &solved {
-            found.time = apart(solved, &truth);
+        let (kind, steps) = (setting.kind, setting.steps);
+        let double = self.solved(DOUBLE, converged(kind), steps)?;
+        let single = match setting.cg {
+            Some(_) => self.solved(SINGLE, (kind, AS_FAR_AS_F32), steps)?,
+            None => Some(outcome.states.clone()),
+        };
+        if let Some(double) = &double {
+            found.time = apart(double, &truth);
         }
-        if let Some(twin) = &twin {
-            found.single = apart(&outcome.states, twin);
+        if let Some(single) = &single {
+            found.solver = apart(&outcome.states, single);
         }
-        if let (Some(solved), Some(twin)) = (&solved, &twin) {
-            found.solver = apart(twin, solved);
+        if let (Some(double), Some(single)) = (&double, &single) {
+            found.single = apart(single, double);
         }
-        (found.energy, found.volume) = self.drifts(&outcome.states, &truth);
+        (found.energy, found.volume) = self.drifts(&outcome.states, &truth)?;
         // More than a twentieth of the way off is another motion.
         if found.error.is_nan() || found.error > 0.05 {
             found.state = "inaccurate";
@@ -314,35 +287,25 @@ impl Trial {
         Ok(found)
     }
 
-    /// Where it starts.
-    fn start(&self) -> State {
-        match &self.twin {
-            Twin::Tets(p) => State {
-                x: p.x.clone(),
-                v: p.v.clone(),
-            },
-            Twin::Grid(p) => State {
-                x: p.x.clone(),
-                v: vec![DVec3::ZERO; p.x.len()],
-            },
+    /// The motion by one of the two, solved as far as it can.
+    fn solved(&mut self, which: usize, scheme: Scheme, steps: u32) -> Result<Option<Vec<State>>> {
+        let key = (scheme.0, steps);
+        if let Some(known) = self.solved[which].get(&key) {
+            return Ok(known.clone());
         }
-    }
-
-    fn solved_twin(&mut self, setting: Setting) -> Option<Vec<State>> {
-        let key = (setting.kind, setting.steps);
-        if let Some(known) = self.solved.get(&key) {
-            return known.clone();
-        }
-        let twin = self.twin(TwinScheme::converged(setting.kind), setting.steps);
-        self.solved.insert(key, twin.clone());
-        twin
-    }
-
-    fn twin(&self, scheme: TwinScheme, steps: u32) -> Option<Vec<State>> {
-        match &self.twin {
-            Twin::Tets(p) => truth::motion(p, scheme, self.duration, STOPS, steps),
-            Twin::Grid(p) => truth::grid_motion(p, self.duration, STOPS, steps),
-        }
+        let simulator = match which {
+            DOUBLE => self.double.as_mut(),
+            _ => self.simulator.as_mut(),
+        };
+        let found = motion(
+            simulator,
+            &self.start,
+            scheme,
+            self.duration,
+            [STOPS, steps],
+        )?;
+        self.solved[which].insert(key, found.clone());
+        Ok(found)
     }
 
     fn farthest(&self, found: &[State], truth: &[State]) -> f64 {
@@ -354,53 +317,42 @@ impl Trial {
             });
             ways.fold(0.0, f64::max)
         };
-        let rest = self.rest();
-        most(found, &|k, i| truth[k].x[i]) / most(truth, &|_, i| rest[i])
+        most(found, &|k, i| truth[k].x[i]) / most(truth, &|_, i| self.rest.x[i])
     }
 
     /// Largest errors of energy and volume at a stop, relative.
-    fn drifts(&self, found: &[State], truth: &[State]) -> (f64, f64) {
+    fn drifts(&mut self, found: &[State], truth: &[State]) -> Result<(f64, f64)> {
         let (mut energy, mut volume, mut scale) = (0.0_f64, 0.0_f64, 0.0_f64);
-        let whole = self.volume(self.rest());
+        let whole = self.volume(&self.rest.x);
         for (a, b) in found.iter().zip(truth) {
-            let (of_a, of_b) = (self.energy(a), self.energy(b));
+            let (of_a, of_b) = (self.energy(a)?, self.energy(b)?);
             energy = energy.max((of_a[0] + of_a[1] - of_b[0] - of_b[1]).abs());
             scale = scale.max(of_b[0]);
             volume = volume.max((self.volume(&a.x) - self.volume(&b.x)).abs() / whole);
         }
-        (energy / scale, volume)
+        Ok((energy / scale, volume))
     }
 
     /// Energy of motion and springs, and of the loads, J.
-    fn energy(&self, state: &State) -> [f64; 2] {
-        let loads = |masses: &mut dyn Iterator<Item = f64>, gravity: DVec3, forces: &[DVec3]| {
-            let nodes = state.x.iter().zip(masses).zip(forces);
-            let work: f64 = nodes.map(|((x, m), f)| x.dot(m * gravity + *f)).sum();
-            -work
-        };
-        match &self.twin {
-            Twin::Tets(start) => {
-                let mut p = start.as_ref().clone();
-                (p.x, p.v) = (state.x.clone(), state.v.clone());
-                let mut masses = p.network.masses.iter().copied();
-                let load = loads(&mut masses, p.gravity, &p.external);
-                [p.elastic_energy() + p.kinetic_energy(), load]
-            }
-            Twin::Grid(start) => {
-                let mut p = start.as_ref().clone();
-                let before = state.x.iter().zip(&state.v);
-                p.previous = before.map(|(x, v)| *x - *v).collect();
-                p.x = state.x.clone();
-                let [kinetic, elastic] = p.energy(1.0);
-                let inverse = p.inverse_masses.iter();
-                let mut masses = inverse.map(|w| if *w > 0.0 { 1.0 / w } else { 0.0 });
-                [kinetic + elastic, loads(&mut masses, p.gravity, &p.forces)]
-            }
-        }
+    fn energy(&mut self, state: &State) -> Result<[f64; 2]> {
+        state.put(self.double.as_mut())?;
+        let own = self.double.report()?.energy.total;
+        let loads = self.double.loads();
+        let nodes = state.x.iter().zip(self.double.masses());
+        let pulled = nodes.zip(loads.forces());
+        let work: f64 = pulled
+            .map(|((x, m), f)| x.dot(*m * loads.gravity() + *f))
+            .sum();
+        Ok([own, -work])
     }
 
     fn volume(&self, x: &[DVec3]) -> f64 {
         let tets = self.simulator.mesh().tets.iter();
         tets.map(|t| signed_volume(t.map(|v| x[v as usize]))).sum()
     }
+}
+
+/// √ΣΣ|x − rest|² over all stops: what errors are relative to.
+fn way(rest: &State, states: &[State]) -> f64 {
+    distance(states, &vec![rest.clone(); states.len()])
 }

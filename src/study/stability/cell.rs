@@ -2,13 +2,11 @@
 
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::plain::springs::Particles;
-use crate::physics::plain::steppers::VelocityVerlet;
 use crate::physics::spectrum::Linearised;
 use crate::physics::{
-    Body, ConjugateGradients, ImplicitEuler, Material, Solver, SolverKind, SpringNetwork,
+    ConjugateGradients, CpuTets, EngineChoice, Material, Simulator, SolverKind, SpringNetwork,
 };
-use crate::{Error, Result};
+use crate::{Error, FailureCause, Result};
 use glam::DVec3;
 
 /// Steps of a cell at most, and at least: instability needs some to show.
@@ -36,16 +34,11 @@ pub struct Method {
 }
 
 impl Method {
-    fn solver(&self, gpu: &Gpu, body: &Body) -> Result<Box<dyn Solver>> {
-        match self.iterations {
-            None => self.kind.solver(gpu, body),
-            Some(max_iterations) => {
-                let settings = ConjugateGradients {
-                    max_iterations,
-                    ..ConjugateGradients::default()
-                };
-                Ok(Box::new(ImplicitEuler::with(gpu, body, settings)?))
-            }
+    fn settings(&self) -> ConjugateGradients {
+        let default = ConjugateGradients::default();
+        ConjugateGradients {
+            max_iterations: self.iterations.unwrap_or(default.max_iterations),
+            ..default
         }
     }
 }
@@ -82,7 +75,12 @@ pub struct Trial {
 
 impl Trial {
     /// The body of `mesh` made of `material`, held where `held` says.
-    pub fn new(mesh: &TetMesh, material: &Material, held: impl Fn(DVec3) -> bool) -> Result<Trial> {
+    pub fn new(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        material: &Material,
+        held: impl Fn(DVec3) -> bool,
+    ) -> Result<Trial> {
         let network = SpringNetwork::new(mesh, material)?;
         let pinned: Vec<bool> = mesh.nodes.iter().map(|p| held(*p)).collect();
         let linear = Linearised::new(&network, &pinned);
@@ -96,18 +94,21 @@ impl Trial {
         let each = (watched / samples as f64 / step).ceil() as usize;
         let interval = watched / samples as f64;
         let step = interval / each as f64;
-        let mut p = Particles::new(network);
-        p.gravity = GRAVITY;
-        for (a, b) in p.pinned.iter_mut().zip(&pinned) {
-            *a |= *b;
-        }
-        let mut stepper = VelocityVerlet::default();
+        let held: Vec<u32> = (0u32..)
+            .zip(&pinned)
+            .filter(|h| *h.1)
+            .map(|h| h.0)
+            .collect();
+        let settings = ConjugateGradients::default();
+        let kind = SolverKind::VelocityVerlet;
+        let mut body =
+            CpuTets::<f64>::of_network(gpu, mesh.clone(), network, material, kind, settings)?;
+        body.pin_nodes(&held)?;
+        body.loads_mut().set_gravity(GRAVITY);
         let mut truth = vec![mesh.nodes.clone()];
         for _ in 0..samples {
-            for _ in 0..each {
-                stepper.step(&mut p, step);
-            }
-            truth.push(p.x.iter().map(|x| p.network.to_file(*x)).collect());
+            body.run(each as u32, step)?;
+            truth.push(body.positions()?);
         }
         let largest = truth
             .iter()
@@ -116,9 +117,7 @@ impl Trial {
         Ok(Trial {
             mesh: mesh.clone(),
             material: material.clone(),
-            pinned: (0..pinned.len() as u32)
-                .filter(|i| pinned[*i as usize])
-                .collect(),
+            pinned: held,
             truth,
             interval,
             watched,
@@ -134,10 +133,12 @@ impl Trial {
 
     /// Releases the body and steps it by `h` seconds.
     pub fn run(&self, gpu: &Gpu, method: Method, h: f64) -> Result<Outcome> {
-        let mut body = Body::new(gpu, &self.mesh, &self.material)?;
+        let network = SpringNetwork::new(&self.mesh, &self.material)?;
+        let own = (self.mesh.clone(), network);
+        let how = (method.kind, method.settings());
+        let mut body = EngineChoice::Auto.tets_of(gpu, own, &self.material, how)?;
         body.pin_nodes(&self.pinned)?;
-        body.set_gravity(GRAVITY);
-        let mut solver = method.solver(gpu, &body)?;
+        body.loads_mut().set_gravity(GRAVITY);
         let within = (self.watched / h).floor();
         let compared = within.clamp(1.0, f64::from(STEPS[1])) as u32;
         let total = compared.max(STEPS[0]);
@@ -147,13 +148,12 @@ impl Trial {
             if stop <= done {
                 continue;
             }
-            match solver.run(&mut body, stop - done, h) {
+            match body.run(stop - done, h) {
                 Ok(_) => done = stop,
-                Err(Error::Solver { step, what, .. }) => {
-                    let state = if what.contains("conjugate gradients") {
-                        3
-                    } else {
-                        2
+                Err(Error::Solver { step, cause, .. }) => {
+                    let state = match cause {
+                        FailureCause::NotConverged => 3,
+                        _ => 2,
                     };
                     let steps = step - 1;
                     return Ok(Outcome {

@@ -2,6 +2,7 @@
 
 use super::cell::{ACCURATE, Method, STATES, Trial};
 use crate::Result;
+use crate::gpu::Gpu;
 use crate::mesh::{QualityReport, TetMesh, generate};
 use crate::physics::{Material, SolverKind, Stiffness};
 use crate::study::bodies;
@@ -59,9 +60,9 @@ impl Subject {
         }
     }
 
-    fn trial(&self, stiffness: f64, damping_time: f64) -> Result<Trial> {
+    fn trial(&self, gpu: &Gpu, stiffness: f64, damping_time: f64) -> Result<Trial> {
         let material = self.material(stiffness, damping_time);
-        Trial::new(&self.mesh, &material, |p| p.x <= self.held)
+        Trial::new(gpu, &self.mesh, &material, |p| p.x <= self.held)
     }
 
     fn points(&self) -> Vec<Vec<Cell>> {
@@ -164,7 +165,7 @@ fn second(named: Option<&Path>, quick: bool) -> Result<Subject> {
         ));
     };
     let scene = bodies::named(path)?;
-    let mesh = scene.mesh.load()?;
+    let mesh = scene.mesh_of_one()?;
     let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
     let unit = unit.or(mesh.length_unit).unwrap_or(1.0);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -205,7 +206,7 @@ fn measure(run: &Run, subject: &Subject) -> Result<Vec<Row>> {
             let [damping, stiffness, step] = [2, 3, 4].map(|i| point[i].number());
             let trial = match known.take() {
                 Some((of, trial)) if of == [damping, stiffness] => trial,
-                _ => subject.trial(stiffness, damping)?,
+                _ => subject.trial(run.gpu, stiffness, damping)?,
             };
             let method = subject
                 .methods

@@ -1,44 +1,53 @@
-//! The truth that solvers are held against, and how fast their float64 twins come to it.
+//! The truth that solvers are held against, and how fast they come to it in float64.
 
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
+use palpate::mesh::TetMesh;
 use palpate::mesh::generate::{self, Split};
 use palpate::physics::plain::springs::Particles;
-use palpate::physics::plain::truth::{State, TwinScheme, distance, fitted_order, motion, truth};
-use palpate::physics::{Damping, Material, SolverKind, Spring, SpringNetwork, largest_stable_step};
+use palpate::physics::{CpuTets, Damping, Material, Simulator, SolverKind, Spring, SpringNetwork};
 use palpate::study::elements::{Cantilever, Elements, spring_equilibrium};
+use palpate::study::truth::{State, converged, distance, fitted_order, motion, truth};
 use palpate::study::{Run, STUDIES};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// The paper's bar, its end held, turned and let go.
-fn bar(damping_time: f64) -> Particles {
+/// The paper's bar in float64, its end held, and the state in which it is turned and let go.
+fn bar(damping_time: f64) -> (CpuTets<f64>, State) {
     let material = Material {
         damping_time,
         ..Material::paper(3_000.0, 0.0)
     };
     let mesh = generate::paper_bar().unwrap();
-    let mut p = Particles::new(SpringNetwork::new(&mesh, &material).unwrap());
-    p.gravity = DVec3::new(0.0, 3.0, -9.81);
-    for (i, x) in mesh.nodes.iter().enumerate() {
-        p.pinned[i] = x.x < 1e-6;
-        p.v[i] = DVec3::new(0.0, 0.03 - x.z, x.y - 0.03) * 20.0 * x.x / 0.12;
+    let (kind, settings) = converged(SolverKind::VelocityVerlet);
+    let mut bar = CpuTets::new(&gpu(), mesh.clone(), &material, kind, settings).unwrap();
+    let nodes = (0u32..).zip(&mesh.nodes);
+    let held: Vec<u32> = nodes.filter(|n| n.1.x < 1e-6).map(|n| n.0).collect();
+    bar.pin_nodes(&held).unwrap();
+    let gravity = DVec3::new(0.0, 3.0, -9.81);
+    bar.loads_mut().set_gravity(gravity);
+    let mut start = State::rest(&bar);
+    for (v, x) in start.v.iter_mut().zip(&mesh.nodes) {
+        *v = DVec3::new(0.0, 0.03 - x.z, x.y - 0.03) * 20.0 * x.x / 0.12;
     }
-    p
+    (bar, start)
 }
 
 const DURATION: f64 = 0.02;
 
-fn exact(p: &Particles) -> Vec<State> {
-    let scheme = TwinScheme::converged(SolverKind::VelocityVerlet);
-    let run = |steps| motion(p, scheme, DURATION, 4, steps);
-    truth(32, 1 << 12, 1e-9, 0.01, run).unwrap().states
+fn swing((bar, start): &mut (CpuTets<f64>, State), kind: SolverKind, steps: u32) -> Vec<State> {
+    let found = motion(bar, start, converged(kind), DURATION, [4, steps]);
+    found.unwrap().unwrap()
 }
 
-/// The order of a solver on `p`, over steps well below the limit.
-fn order(p: &Particles, kind: SolverKind, truth: &[State]) -> f64 {
-    let scheme = TwinScheme::converged(kind);
+fn exact(bar: &mut (CpuTets<f64>, State)) -> Vec<State> {
+    let run = |steps| Ok(Some(swing(bar, SolverKind::VelocityVerlet, steps)));
+    truth(32, 1 << 12, 1e-9, 0.01, run).unwrap().unwrap().states
+}
+
+/// The order of a solver, over steps well below the limit.
+fn order(bar: &mut (CpuTets<f64>, State), kind: SolverKind, truth: &[State]) -> f64 {
     // What an undamped explicit step adds to the fastest modes fades only with many steps.
     let first = match kind {
         SolverKind::Explicit => 1024,
@@ -46,7 +55,7 @@ fn order(p: &Particles, kind: SolverKind, truth: &[State]) -> f64 {
         _ => 32,
     };
     let points = [first, 2 * first, 4 * first].map(|steps| {
-        let found = motion(p, scheme, DURATION, 4, steps).unwrap();
+        let found = swing(bar, kind, steps);
         [1.0 / f64::from(steps), distance(&found, truth)]
     });
     fitted_order(&points)
@@ -58,12 +67,12 @@ fn orders_of_convergence_are_those_of_the_schemes() {
         (0.0, [1.0, 1.0, 2.0, 2.0, 1.0]),
         (5e-4, [1.0, 1.0, 1.0, 2.0, 1.0]),
     ] {
-        let p = bar(damping_time);
-        let limit = largest_stable_step(&p.network, &p.pinned, SolverKind::VelocityVerlet);
+        let mut bar = bar(damping_time);
+        let limit = bar.0.largest_stable_step();
         assert!(DURATION / 128.0 < limit.unwrap(), "{limit:?}");
-        let truth = exact(&p);
+        let truth = exact(&mut bar);
         for (kind, expected) in SolverKind::ALL.into_iter().zip(orders) {
-            let found = order(&p, kind, &truth);
+            let found = order(&mut bar, kind, &truth);
             assert!(
                 (found - expected).abs() < 0.2,
                 "{kind}, damped by {damping_time} s: order {found}, not {expected}"
@@ -72,12 +81,12 @@ fn orders_of_convergence_are_those_of_the_schemes() {
     }
     // The fit can fail: a scheme of second order measured against a truth that is off by a little
     // shows no order at all.
-    let p = bar(0.0);
-    let mut off = exact(&p);
+    let mut bar = bar(0.0);
+    let mut off = exact(&mut bar);
     off.iter_mut()
         .flat_map(|s| &mut s.x)
         .for_each(|x| x.y += 1e-5);
-    assert!(order(&p, SolverKind::Verlet, &off) < 1.0);
+    assert!(order(&mut bar, SolverKind::Verlet, &off) < 1.0);
 }
 
 #[test]
@@ -94,9 +103,12 @@ fn slopes_are_fitted_in_the_logarithms() {
 fn a_single_spring_swings_as_it_must() {
     let (kappa, mass, length, pull) = (50.0, 0.1, 0.2, 0.02);
     for damping in [0.0, 0.4] {
+        // Of a mesh of one tet, whose other two nodes are tied to nothing.
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| length * p);
+        let mesh = TetMesh::new(corners.to_vec(), vec![[0, 1, 2, 3]], vec![], vec![]).unwrap();
+        let material = Material::young(1.0);
         let network = SpringNetwork {
-            rest: vec![DVec3::ZERO, DVec3::new(length, 0.0, 0.0)],
-            masses: vec![mass; 2],
+            masses: vec![mass; 4],
             springs: vec![Spring {
                 nodes: [0, 1],
                 stiffness: kappa,
@@ -105,19 +117,23 @@ fn a_single_spring_swings_as_it_must() {
             damping,
             damping_time: 0.0,
             damping_kind: Damping::Axial,
-            ..SpringNetwork::new(&generate::paper_bar().unwrap(), &Material::young(1.0)).unwrap()
+            ..SpringNetwork::new(&mesh, &material).unwrap()
         };
-        let mut p = Particles::new(network);
-        p.x[0].x -= 0.5 * pull;
-        p.x[1].x += 0.5 * pull;
+        let scheme = converged(SolverKind::VelocityVerlet);
+        let (kind, settings) = scheme;
+        let mut body =
+            CpuTets::<f64>::of_network(&gpu(), mesh, network, &material, kind, settings).unwrap();
+        let mut start = State::rest(&body);
+        start.x[0].x -= 0.5 * pull;
+        start.x[1].x += 0.5 * pull;
         let decay = damping / mass;
         let omega = (2.0 * kappa / mass - decay * decay).sqrt();
         let stretch = |t: f64| {
             let phase = (omega * t).cos() + decay / omega * (omega * t).sin();
             pull * (-decay * t).exp() * phase
         };
-        let scheme = TwinScheme::converged(SolverKind::VelocityVerlet);
-        let found = truth(8, 1 << 12, 1e-9, pull, |n| motion(&p, scheme, 0.5, 5, n)).unwrap();
+        let run = |n| motion(&mut body, &start, scheme, 0.5, [5, n]);
+        let found = truth(8, 1 << 12, 1e-9, pull, run).unwrap().unwrap();
         for (k, state) in found.states.iter().enumerate() {
             let t = 0.1 * (k + 1) as f64;
             let error = state.x[1].x - state.x[0].x - length - stretch(t);
@@ -135,11 +151,14 @@ fn a_single_spring_swings_as_it_must() {
 /// A truth needs a motion to be the truth of.
 #[test]
 fn a_body_that_flies_apart_has_no_motion() {
-    let p = bar(0.0);
-    let scheme = TwinScheme::converged(SolverKind::Verlet);
-    assert!(motion(&p, scheme, 2.0, 1, 200).is_none());
-    assert!(motion(&p, scheme, 0.2, 1, 2000).is_some());
-    assert!(truth(1, 8, 1e-9, 1.0, |_| None).is_none());
+    let (mut bar, start) = bar(0.0);
+    let mut run = |duration, steps| {
+        let scheme = converged(SolverKind::Verlet);
+        motion(&mut bar, &start, scheme, duration, [1, steps]).unwrap()
+    };
+    assert!(run(2.0, 200).is_none());
+    assert!(run(0.2, 2000).is_some());
+    assert!(truth(1, 8, 1e-9, 1.0, |_| Ok(None)).unwrap().is_none());
 }
 
 /// Any linear displacement of the boundary is taken up by the inner nodes exactly.

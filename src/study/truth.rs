@@ -1,10 +1,8 @@
-//! Motions in float64, and the motion that they tend to as the step goes to nothing: what every
-//! solver's error is measured against.
+//! Motions in float64, by the engine on the CPU, and the motion that they tend to as the step goes
+//! to nothing: what every solver's error is measured against.
 
-use super::springs::Particles;
-use super::steppers::{self, VelocityVerlet, Verlet};
-use crate::physics::SolverKind;
-use crate::physics::grid::plain::GridTwin;
+use crate::physics::{ConjugateGradients, Simulator, SolverKind};
+use crate::{Error, Result};
 use glam::DVec3;
 
 /// A body farther than this from where it began, in its own sizes, has flown apart.
@@ -13,99 +11,95 @@ const FARTHEST: f64 = 1e4;
 /// Where a body is, and how it moves.
 #[derive(Clone, Debug)]
 pub struct State {
-    /// Positions, m.
+    /// Positions, m, from the origin of its frame.
     pub x: Vec<DVec3>,
     /// Velocities, m/s.
     pub v: Vec<DVec3>,
 }
 
-/// A solver of `physics` as its float64 twin.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TwinScheme {
-    /// Which.
-    pub kind: SolverKind,
-    /// Where conjugate gradients stop: the relative residual.
-    pub tolerance: f64,
-    /// The most iterations a step.
-    pub iterations: u32,
-}
-
-impl TwinScheme {
-    /// The solver, its linear systems solved to the last digits.
-    pub fn converged(kind: SolverKind) -> TwinScheme {
-        TwinScheme {
-            kind,
-            tolerance: 1e-12,
-            iterations: u32::MAX,
+impl State {
+    /// At rest.
+    pub fn rest(simulator: &dyn Simulator) -> State {
+        let (frame, unit) = simulator.loads().frame_and_unit();
+        let rest = simulator.mesh().nodes.iter();
+        let x: Vec<DVec3> = rest.map(|p| (*p - frame.origin) * unit).collect();
+        State {
+            v: vec![DVec3::ZERO; x.len()],
+            x,
         }
+    }
+
+    /// That of `simulator` now.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn of(simulator: &dyn Simulator) -> Result<State> {
+        let (frame, unit) = simulator.loads().frame_and_unit();
+        let (x, v) = (simulator.positions()?, simulator.velocities()?);
+        Ok(State {
+            x: x.iter().map(|x| (*x - frame.origin) * unit).collect(),
+            v: v.iter().map(|v| *v * unit).collect(),
+        })
+    }
+
+    /// Puts `simulator` there.
+    ///
+    /// # Errors
+    /// As [`Simulator::set_positions`].
+    pub fn put(&self, simulator: &mut dyn Simulator) -> Result<()> {
+        let (frame, unit) = simulator.loads().frame_and_unit();
+        let x: Vec<DVec3> = self.x.iter().map(|x| *x / unit + frame.origin).collect();
+        let v: Vec<DVec3> = self.v.iter().map(|v| *v / unit).collect();
+        simulator.set_positions(&x)?;
+        simulator.set_velocities(&v)
     }
 }
 
-/// The states of `start` after each of `stops` equal spans of `duration` seconds in all, each span
-/// in `steps` steps; `None` where the body flies apart.
+/// A scheme, and where its linear solves stop.
+pub type Scheme = (SolverKind, ConjugateGradients);
+
+/// The scheme `kind`, its linear systems solved to the last digits of float64.
+pub fn converged(kind: SolverKind) -> Scheme {
+    let settings = ConjugateGradients {
+        tolerance: 1e-12,
+        max_iterations: 20_000,
+        acceptable: 1e-9,
+    };
+    (kind, settings)
+}
+
+/// The states of `simulator`, which begins at `start`, after each of `stops` equal spans of
+/// `duration` seconds in all, each span in `steps` steps; `None` where the body flies apart.
+///
+/// # Errors
+/// What the simulator refuses.
 pub fn motion(
-    start: &Particles,
-    scheme: TwinScheme,
+    simulator: &mut dyn Simulator,
+    start: &State,
+    (kind, settings): Scheme,
     duration: f64,
-    stops: u32,
-    steps: u32,
-) -> Option<Vec<State>> {
-    let h = duration / f64::from(stops) / f64::from(steps);
-    let limit = FARTHEST * reach(&start.network.rest);
-    let mut p = start.clone();
-    let mut verlet = Verlet::default();
-    let mut velocity_verlet = VelocityVerlet::default();
-    let mut states = Vec::new();
-    for _ in 0..stops {
-        for _ in 0..steps {
-            match scheme.kind {
-                SolverKind::Explicit => steppers::explicit_euler(&mut p, h),
-                SolverKind::Symplectic => steppers::symplectic_euler(&mut p, h),
-                SolverKind::Verlet => verlet.step(&mut p, h),
-                SolverKind::VelocityVerlet => velocity_verlet.step(&mut p, h),
-                SolverKind::Implicit => {
-                    let most = scheme.iterations.min(20 * p.x.len() as u32);
-                    steppers::implicit_euler_within(&mut p, h, scheme.tolerance, most);
-                }
-            }
-            if !p.x[0].is_finite() {
-                return None;
-            }
-        }
-        states.push(settled(&p.x, p.v.clone(), limit)?);
-    }
-    Some(states)
-}
-
-/// The same of a grid body that starts at rest.
-pub fn grid_motion(start: &GridTwin, duration: f64, stops: u32, steps: u32) -> Option<Vec<State>> {
+    [stops, steps]: [u32; 2],
+) -> Result<Option<Vec<State>>> {
     let h = duration / f64::from(stops) / f64::from(steps);
     let limit = FARTHEST * reach(&start.x);
-    let mut p = start.clone();
+    simulator.set_integrator(kind, settings)?;
+    start.put(simulator)?;
     let mut states = Vec::new();
-    for stop in 0..stops {
-        for step in 0..steps {
-            if stop == 0 && step == 0 {
-                p.first_step(h);
-            } else {
-                p.step(h);
-            }
+    for _ in 0..stops {
+        match simulator.run(steps, h) {
+            Ok(_) => states.push(State::of(simulator)?),
+            Err(Error::Solver { .. }) => return Ok(None),
+            Err(error) => return Err(error),
         }
-        let lags = p.x.iter().zip(&p.previous);
-        let v = lags.map(|(x, before)| (*x - *before) / h).collect();
-        states.push(settled(&p.x, v, limit)?);
     }
-    Some(states)
+    let sound = |x: &DVec3| x.is_finite() && x.abs().max_element() < limit;
+    let all = states.iter().all(|s| s.x.iter().all(sound));
+    Ok(all.then_some(states))
 }
 
 fn reach(x: &[DVec3]) -> f64 {
     let (low, high) = crate::mesh::bounds(x);
     (high - low).max_element()
-}
-
-fn settled(x: &[DVec3], v: Vec<DVec3>, limit: f64) -> Option<State> {
-    let sound = |x: &DVec3| x.is_finite() && x.abs().max_element() < limit;
-    x.iter().all(sound).then(|| State { x: x.to_vec(), v })
 }
 
 /// √ΣΣ|x − y|² over the nodes of all states, m.
@@ -142,18 +136,21 @@ pub struct Halving {
 /// limit of small steps: from `steps` on the step is halved until what Richardson extrapolates
 /// changes by less than `tolerance` of `scale` (m), or until `most` steps. `None` where no two
 /// steps gave a motion.
+///
+/// # Errors
+/// Those of `run`.
 pub fn truth(
     steps: u32,
     most: u32,
     tolerance: f64,
     scale: f64,
-    mut run: impl FnMut(u32) -> Option<Vec<State>>,
-) -> Option<Truth> {
+    mut run: impl FnMut(u32) -> Result<Option<Vec<State>>>,
+) -> Result<Option<Truth>> {
     let mut steps = steps.max(1);
-    let mut coarse = run(steps);
+    let mut coarse = run(steps)?;
     let mut truth: Option<Truth> = None;
     while steps <= most / 2 {
-        let fine = run(2 * steps);
+        let fine = run(2 * steps)?;
         if let (Some(a), Some(b)) = (&coarse, &fine) {
             let states = extrapolate(a, b);
             let known = truth.take();
@@ -174,7 +171,7 @@ pub fn truth(
         coarse = fine;
         steps *= 2;
     }
-    truth
+    Ok(truth)
 }
 
 fn extrapolate(coarse: &[State], fine: &[State]) -> Vec<State> {
