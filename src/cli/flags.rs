@@ -124,19 +124,33 @@ impl SceneFlags {
         }
         over(given.fov, &mut scene.camera.fov);
         over(given.orthographic, &mut scene.camera.orthographic);
+        for body in &mut scene.body {
+            body.solver = body.solver.take().filter(|_| given.solver.is_none());
+            body.engine = body.engine.filter(|_| given.engine.is_none());
+        }
         over(given.solver, &mut scene.solver.name);
         over(given.engine, &mut scene.solver.engine);
         over(given.dt, &mut scene.solver.dt);
         over(given.steps, &mut scene.solver.steps);
-        if given.young.is_some() {
-            scene.material.stiffness = None;
+        let of_bodies = scene.body.iter_mut();
+        let of_bodies = of_bodies.filter_map(|body| body.material.as_mut());
+        for material in of_bodies.chain([&mut scene.material]) {
+            if given.young.is_some() {
+                material.stiffness = None;
+            }
+            over(given.stiffness, &mut material.stiffness);
+            over(given.young, &mut material.young);
+            over(given.density, &mut material.density);
+            over(given.damping, &mut material.damping);
         }
-        over(given.stiffness, &mut scene.material.stiffness);
-        over(given.young, &mut scene.material.young);
-        over(given.density, &mut scene.material.density);
-        over(given.damping, &mut scene.material.damping);
-        over(given.unit, &mut scene.mesh.unit);
-        over(given.tets, &mut scene.mesh.tets);
+        for mesh in scene.body.iter_mut().map(|body| &mut body.mesh) {
+            over(given.unit.clone(), &mut mesh.unit);
+            over(given.tets.filter(|_| mesh.tets.is_some()), &mut mesh.tets);
+        }
+        if scene.body.is_empty() {
+            over(given.unit, &mut scene.mesh.unit);
+            over(given.tets, &mut scene.mesh.tets);
+        }
         Ok(scene)
     }
 }

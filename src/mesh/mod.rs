@@ -10,6 +10,7 @@ mod distance;
 mod field;
 mod frame;
 pub mod generate;
+mod merge;
 mod order;
 mod packed_normal;
 mod quality;

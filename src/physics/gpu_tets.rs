@@ -221,8 +221,7 @@ impl Simulator for GpuTets {
     fn pose(&self) -> Result<Pose> {
         Ok(Pose {
             positions: self.body.nodes.local()?,
-            normals: Vec::new(),
-            exact: Vec::new(),
+            ..Pose::default()
         })
     }
 

@@ -41,6 +41,13 @@ impl fmt::Display for Grip {
 )]
 pub struct GrabId(u32);
 
+impl GrabId {
+    /// The grab of this number.
+    pub(super) fn numbered(number: u32) -> GrabId {
+        GrabId(number)
+    }
+}
+
 /// Nodes and what they follow.
 #[derive(Clone, Debug)]
 pub(super) struct Grab {
@@ -200,6 +207,7 @@ impl Grabs {
     }
 }
 
-fn unknown() -> Error {
+/// The error of a grab that is not there.
+pub(super) fn unknown() -> Error {
     Error::Input("there is no such grab, or it was released".into())
 }

@@ -6,6 +6,7 @@
 //! workgroup decides whether it is sound, and only then it becomes the state. Nothing waits for
 //! the CPU; a failure freezes the last good state until somebody asks.
 
+mod bodies;
 mod body;
 mod cpu;
 mod cut;
@@ -44,6 +45,7 @@ mod units;
 mod velocity_verlet;
 mod verlet;
 
+pub use bodies::{Bodies, BodiesState, Member, MemberReport};
 pub use body::Body;
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Real};
 pub use engine::{Engine, EngineChoice};

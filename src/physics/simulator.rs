@@ -1,8 +1,8 @@
 //! What everything that moves a body can do, whatever it is made of and whatever steps it.
 
 use super::{
-    ConjugateGradients, CpuGridState, CpuState, Engine, GrabId, GridState, Grip, Loads, NodeTerm,
-    Nodes, Progress, Report, SolverKind, SpringNetwork, TetState,
+    Bodies, BodiesState, ConjugateGradients, CpuGridState, CpuState, Engine, GrabId, GridState,
+    Grip, Loads, NodeTerm, Nodes, Progress, Report, SolverKind, SpringNetwork, TetState,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -222,6 +222,11 @@ pub trait Simulator: Send {
         None
     }
 
+    /// The bodies that it is made of, if it is several.
+    fn bodies(&self) -> Option<&Bodies> {
+        None
+    }
+
     /// Energies, volume and displacement, read back.
     ///
     /// # Errors
@@ -279,7 +284,7 @@ impl TopologyChange {
 }
 
 /// Where a body stands, to the bit.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
     /// Positions in the local frame.
     pub(crate) positions: Vec<[f32; 4]>,
@@ -287,6 +292,8 @@ pub struct Pose {
     pub(crate) normals: Vec<u32>,
     /// Displacements of a body on the CPU, in its own numbers.
     pub(crate) exact: Vec<[f64; 3]>,
+    /// Those of its bodies, where it is several.
+    pub(crate) parts: Vec<Pose>,
 }
 
 /// The state of a [`Simulator`]: see [`Simulator::state`].
@@ -300,4 +307,6 @@ pub enum SimulatorState {
     Cpu(Box<CpuState>),
     /// Of a grid body on the CPU.
     CpuGrid(Box<CpuGridState>),
+    /// Of several bodies.
+    Bodies(Box<BodiesState>),
 }

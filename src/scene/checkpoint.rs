@@ -161,8 +161,11 @@ fn of_scene(scene: &Scene) -> u32 {
         file(&mut path);
         *transfer = path.to_string_lossy().into_owned();
     }
-    if let Some(path) = &mut plain.mesh.file {
-        *path = path.file_name().unwrap_or_default().into();
+    let bodies = plain.body.iter_mut().map(|body| &mut body.mesh);
+    for mesh in bodies.chain([&mut plain.mesh]) {
+        if let Some(path) = &mut mesh.file {
+            *path = path.file_name().unwrap_or_default().into();
+        }
     }
     crc.update(format!("{plain:?}").as_bytes());
     crc.sum()

@@ -4,7 +4,7 @@ use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
 use crate::gpu::Gpu;
-use crate::physics::{Energy, Engine, Report};
+use crate::physics::{Energy, Engine, MemberReport, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use web_time::Instant;
@@ -16,6 +16,9 @@ pub struct StageReport {
     pub adapter: String,
     /// What computes the steps, `gpu` or `cpu`; none where nothing moves.
     pub engine: Option<Engine>,
+    /// What each body is, where the scene has several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bodies: Vec<MemberReport>,
     /// Tets of the mesh.
     pub tets: usize,
     /// Nodes of the mesh.
@@ -117,6 +120,7 @@ impl Stage {
         Ok(StageReport {
             adapter: self.gpu.adapter_name(),
             engine: self.motion().map(Motion::engine),
+            bodies: self.motion().map_or_else(Vec::new, Motion::bodies),
             tets: self.mesh().tets.len(),
             nodes: self.mesh().nodes.len(),
             frame_ms,

@@ -1,5 +1,6 @@
 //! A scene: a TOML file that names a mesh, a material, a solver, what holds and what pulls, a
-//! camera, a transfer function and a picture. Everything has a default but the mesh.
+//! camera, a transfer function and a picture. Everything has a default but the mesh; a scene of
+//! several bodies has a [`BodyEntry`] for each.
 //!
 //! ```toml
 //! [mesh]
@@ -30,6 +31,7 @@
 //! ```
 
 mod attachment;
+mod bodies;
 mod cage;
 mod checkpoint;
 mod cutter;
@@ -76,7 +78,11 @@ use std::str::FromStr;
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Where the mesh comes from.
+    #[serde(default)]
     pub mesh: MeshSource,
+    /// Several bodies, in place of one mesh.
+    #[serde(default)]
+    pub body: Vec<BodyEntry>,
     /// What the body is made of.
     #[serde(default)]
     pub material: MaterialEntry,
@@ -123,7 +129,7 @@ pub struct Scene {
 /// # between = ["150..400"]
 /// tets = 60000                           # or edge = "2mm"
 /// ```
-#[derive(Clone, Debug, Default, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSource {
     /// A mesh file, beside the scene file unless absolute.
@@ -153,6 +159,52 @@ pub struct MeshSource {
     /// file says by default, or else `m`.
     #[serde(default, deserialize_with = "words::unit")]
     pub unit: Option<Unit>,
+}
+
+/// One of several bodies. Each has what a scene of one would have; grabs, cuts, skins, the floor and
+/// the picture are those of all. They do not feel each other.
+///
+/// ```toml
+/// [[body]]
+/// name = "core"
+/// mesh = { generate = "ball", tets = 4000 }
+/// offset = [0.0, 0, 0.1]  # moves it, in the unit of the first body's mesh, which is that of all
+/// material = { young = 1e6 }
+/// engine = "cpu"
+///
+/// [[body.pin]]
+/// axis = "z"
+/// above = 0.9
+/// ```
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyEntry {
+    /// What it is called in messages, reports and regions; `body 1` and so on where nothing is said.
+    pub name: Option<String>,
+    /// Where its mesh comes from.
+    pub mesh: MeshSource,
+    /// How far it is moved, after its mesh was brought to the unit of the first body's.
+    pub offset: Option<[f64; 3]>,
+    /// What it is made of; the scene's `[material]` where nothing is said.
+    pub material: Option<MaterialEntry>,
+    /// By which scheme it is stepped; `[solver] name` where nothing is said.
+    #[serde(default, deserialize_with = "words::solver")]
+    pub solver: Option<String>,
+    /// What computes its steps; `[solver] engine` where nothing is said.
+    #[serde(default, deserialize_with = "words::engine")]
+    pub engine: Option<EngineChoice>,
+    /// Its largest step, in seconds: a longer one of `[solver] dt` is made of several.
+    pub dt: Option<f64>,
+    /// Nodes that stay where they are.
+    #[serde(default)]
+    pub pin: Vec<Region>,
+    /// Forces on groups of nodes.
+    #[serde(default)]
+    pub force: Vec<ForceEntry>,
+    /// Makes it a grid of particles in place of tets.
+    pub grid: Option<GridEntry>,
+    /// Simulates a coarse body in place of its mesh, which that carries.
+    pub cage: Option<CageEntry>,
 }
 
 /// Labels of a volume.
@@ -208,7 +260,7 @@ where
 }
 
 /// A length unit by name or in metres.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(
     untagged,
     expecting = "a unit is one of m, cm, mm, um and in, or metres as a number"
@@ -498,8 +550,9 @@ impl Scene {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let mut scene = Scene::parse(&text).map_err(|e| Error::format(path, e.to_string()))?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        if let Some(file) = &mut scene.mesh.file {
-            *file = folder.join(&file);
+        let bodies = scene.body.iter_mut().map(|body| &mut body.mesh);
+        for mesh in bodies.chain([&mut scene.mesh]) {
+            mesh.file = mesh.file.take().map(|file| folder.join(file));
         }
         for skin in &mut scene.skin {
             skin.file = folder.join(&skin.file);

@@ -9,7 +9,7 @@ use crate::cage::CageReport;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridShape;
-use crate::physics::{Engine, Progress, Report, Simulator, SolverKind};
+use crate::physics::{Engine, MemberReport, Progress, Report, Simulator, SolverKind};
 use glam::DVec3;
 
 /// Steps between two looks at whether all is well, so that progress can be shown.
@@ -49,8 +49,13 @@ impl Motion {
         shape: Option<GridShape>,
     ) -> Result<(Motion, Vec<String>)> {
         let (setup, notes) = Setup::new(gpu, scene, kind, mesh, shape)?;
+        Ok((Motion::of_setup(scene, setup)?, notes))
+    }
+
+    /// A simulator that was set up for `scene`.
+    pub(super) fn of_setup(scene: &Scene, setup: Setup) -> Result<Motion> {
         let attachments = scene.grab.iter().map(Attachment::new);
-        let motion = Motion {
+        Ok(Motion {
             simulator: setup.simulator,
             dt: setup.dt,
             attachments: attachments.collect::<Result<_>>()?,
@@ -59,8 +64,7 @@ impl Motion {
             cage: setup.cage,
             grid: setup.grid,
             reach: setup.reach,
-        };
-        Ok((motion, notes))
+        })
     }
 
     /// Runs `steps` steps, telling `progress` how many are done.
@@ -124,6 +128,12 @@ impl Motion {
     /// How the cage turned out, where one carries the mesh.
     pub fn cage(&self) -> Option<CageReport> {
         self.cage
+    }
+
+    /// What each body is, where it is several.
+    pub fn bodies(&self) -> Vec<MemberReport> {
+        let bodies = self.simulator.bodies();
+        bodies.map_or_else(Vec::new, |bodies| bodies.member_reports(self.dt))
     }
 
     /// What computes its steps.

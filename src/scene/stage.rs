@@ -1,5 +1,6 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
+use super::bodies;
 use super::checkpoint::Journal;
 use super::cutter::Cutter;
 use super::picture::{DisplayMode, SIZE};
@@ -70,6 +71,15 @@ pub(super) struct Posed {
 }
 
 impl Drive {
+    /// `mesh`, which nothing moves but the caller.
+    fn posed(gpu: &Gpu, mesh: TetMesh) -> Result<Drive> {
+        Ok(Drive::Posed(Box::new(Posed {
+            topology: Topology::new(&mesh),
+            nodes: Nodes::new(gpu, &mesh)?,
+            mesh,
+        })))
+    }
+
     pub fn nodes(&self) -> &Nodes {
         match self {
             Drive::Posed(posed) => &posed.nodes,
@@ -101,6 +111,9 @@ impl Stage {
     /// [`Error::Input`] for what makes no sense in the scene, what reading the mesh gives, or
     /// [`Error::Gpu`] when it does not fit the device.
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
+        if !scene.body.is_empty() {
+            return Stage::with_bodies(gpu, scene);
+        }
         let Some(grid) = &scene.grid else {
             return Stage::with_mesh(gpu, scene, scene.mesh.load()?);
         };
@@ -108,6 +121,19 @@ impl Stage {
         let mut stage = Stage::assemble(gpu, scene, mesh, Some(shape))?;
         stage.notes.splice(0..0, notes);
         Ok(stage)
+    }
+
+    /// The stage of a scene of several bodies.
+    fn with_bodies(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
+        let sources = scene.body_sources()?;
+        if !bodies::any_moves(&sources) {
+            let (mesh, said) = bodies::posed(sources)?;
+            let drive = Drive::posed(gpu, mesh)?;
+            return Stage::with_drive(gpu, scene, drive, said);
+        }
+        let (setup, said) = bodies::setup(gpu, scene, sources)?;
+        let motion = Motion::of_setup(scene, setup)?;
+        Stage::with_drive(gpu, scene, Drive::Simulated(Box::new(motion)), said)
     }
 
     /// As [`Stage::new`], with a mesh that is there already.
@@ -124,29 +150,26 @@ impl Stage {
         mesh: TetMesh,
         shape: Option<GridShape>,
     ) -> Result<Stage> {
-        let mut notes = mesh.repairs.warnings.clone();
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
-        let solver = solver.transpose()?;
-        let still = "nothing moves, so grabs, cuts and floors are passed over: name a solver";
-        let asked = !(scene.grab.is_empty() && scene.cut.is_empty()) || scene.floor.is_some();
-        if solver.is_none() && asked {
-            notes.push(still.into());
-        }
-        let (drive, said) = match solver {
-            None => {
-                let posed = Posed {
-                    topology: Topology::new(&mesh),
-                    nodes: Nodes::new(gpu, &mesh)?,
-                    mesh,
-                };
-                (Drive::Posed(Box::new(posed)), Vec::new())
-            }
+        let (drive, said) = match solver.transpose()? {
+            None => (Drive::posed(gpu, mesh)?, Vec::new()),
             Some(kind) => {
                 let (motion, said) = Motion::new(gpu, scene, kind, mesh, shape)?;
                 (Drive::Simulated(Box::new(motion)), said)
             }
         };
+        Stage::with_drive(gpu, scene, drive, said)
+    }
+
+    /// The stage of a body, or several, that `drive` moves; `said` is what was assumed of it.
+    fn with_drive(gpu: &Gpu, scene: &Scene, drive: Drive, said: Vec<String>) -> Result<Stage> {
         let (mesh, topology) = (drive.mesh(), drive.topology());
+        let mut notes = mesh.repairs.warnings.clone();
+        let asked = !(scene.grab.is_empty() && scene.cut.is_empty()) || scene.floor.is_some();
+        if matches!(drive, Drive::Posed(_)) && asked {
+            let still = "nothing moves, so grabs, cuts and floors are passed over: name a solver";
+            notes.push(still.into());
+        }
         let scalars = scene.scalar_field(mesh, topology)?;
         notes.extend(scalars.note.clone());
         notes.extend(said);

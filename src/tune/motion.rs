@@ -143,7 +143,7 @@ impl<'a> Motions<'a> {
         }
         let mut scene = scene.clone();
         scene.solver.sleep = Some(false);
-        let mesh = scene.mesh.load()?;
+        let mesh = scene.mesh_of_one()?;
         let pace = seconds / f64::from(LOOKS);
         let own = scene.solver.dt.unwrap_or(0.01).min(pace);
         let steps = (pace / own).ceil();

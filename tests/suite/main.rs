@@ -10,6 +10,7 @@ mod mesh;
 mod mesher;
 mod physics;
 mod render;
+mod scene_bodies;
 mod scenes;
 mod skin;
 mod study;

@@ -395,9 +395,8 @@ impl<T: Real> Simulator for CpuGrid<T> {
     fn pose(&self) -> Result<Pose> {
         let positions = self.worker.body().positions();
         Ok(Pose {
-            positions: Vec::new(),
-            normals: Vec::new(),
             exact: positions.iter().map(|x| x.to_array()).collect(),
+            ..Pose::default()
         })
     }
 

@@ -442,9 +442,8 @@ impl<T: Real> Simulator for CpuTets<T> {
 
     fn pose(&self) -> Result<Pose> {
         Ok(Pose {
-            positions: Vec::new(),
-            normals: Vec::new(),
             exact: self.worker.body().displacements(),
+            ..Pose::default()
         })
     }
 

@@ -182,7 +182,7 @@ impl Simulator for GpuGrid {
         Ok(Pose {
             positions: self.gpu.read_array(self.body.nodes().array())?,
             normals: self.gpu.read_array(self.body.normals())?,
-            exact: Vec::new(),
+            ..Pose::default()
         })
     }
 

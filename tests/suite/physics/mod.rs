@@ -14,3 +14,4 @@ mod grids;
 mod invariance;
 mod simulators;
 mod steps;
+mod together;

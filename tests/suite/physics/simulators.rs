@@ -10,13 +10,13 @@ use palpate::mesh::{Blade, TetMesh, generate};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
 use palpate::physics::{
-    CpuGrid, CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, Simulator, SolverKind,
-    SpringNetwork,
+    Bodies, CpuGrid, CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, Member, Simulator,
+    SolverKind, SpringNetwork,
 };
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.05, 0.05);
 
-fn material() -> Material {
+pub(super) fn material() -> Material {
     Material {
         damping_time: 2e-3,
         ..Material::young(3e4)
@@ -37,7 +37,7 @@ impl Domain for Block {
     }
 }
 
-fn bar() -> TetMesh {
+pub(super) fn bar() -> TetMesh {
     generate::bar_of_about(600, SIZE).unwrap()
 }
 
@@ -54,13 +54,13 @@ fn gpu_grid(gpu: &Gpu) -> GpuGrid {
     GpuGrid::new(gpu, body, mesh).unwrap()
 }
 
-fn cpu_grid(gpu: &Gpu) -> CpuGrid {
+pub(super) fn cpu_grid(gpu: &Gpu) -> CpuGrid {
     let model = particles();
     let mesh = model.shape.mesh(&model.springs).unwrap();
     CpuGrid::new(gpu, model, mesh).unwrap()
 }
 
-fn carried(gpu: &Gpu, choice: EngineChoice) -> Carried {
+pub(super) fn carried(gpu: &Gpu, choice: EngineChoice) -> Carried {
     let (mesh, material) = (bar(), material());
     let fine = SpringNetwork::new(&mesh, &material).unwrap();
     let cage = Cage::new(&mesh, &fine, CageKind::Lattice, 100).unwrap();
@@ -68,6 +68,26 @@ fn carried(gpu: &Gpu, choice: EngineChoice) -> Carried {
     let how = (SolverKind::Implicit, Default::default());
     let inner = choice.tets_of(gpu, own, &material, how).unwrap();
     Carried::new(gpu, mesh, cage, inner).unwrap()
+}
+
+/// A bar on the GPU and another behind it on the CPU, which takes two steps in one.
+fn two(gpu: &Gpu) -> Bodies {
+    let mut other = bar();
+    other.nodes.iter_mut().for_each(|p| p.y += 0.07);
+    let implicit = SolverKind::Implicit;
+    let one = GpuTets::new(gpu, bar(), &material(), implicit).unwrap();
+    let settings = Default::default();
+    let other = CpuTets::<f32>::new(gpu, other, &material(), implicit, settings).unwrap();
+    let member = |name: &str, simulator, step| Member {
+        name: name.into(),
+        simulator,
+        step,
+    };
+    let members = vec![
+        member("one", Box::new(one), 0.005),
+        member("other", Box::new(other), 0.0025),
+    ];
+    Bodies::new(gpu, members).unwrap()
 }
 
 /// One of each, by name, with a step that suits it.
@@ -92,6 +112,7 @@ fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
             Box::new(carried(&gpu, choice)),
         ));
     }
+    all.push(("two bodies".into(), Box::new(two(&gpu))));
     let with_step = all.into_iter().map(|(name, simulator)| {
         let dt = simulator.largest_stable_step().map_or(0.005, |h| 0.4 * h);
         (name, simulator, dt)
@@ -100,7 +121,7 @@ fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
 }
 
 /// Held at its lower end along x, with weight.
-fn hold(simulator: &mut dyn Simulator) {
+pub(super) fn hold(simulator: &mut dyn Simulator) {
     let nodes = simulator.mesh().nodes.iter().enumerate();
     let held: Vec<u32> = nodes
         .filter(|(_, p)| p.x < 0.02)

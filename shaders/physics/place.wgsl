@@ -1,0 +1,25 @@
+// The nodes of one body to their places among those of several. The twin of `Bodies::positions`.
+
+#import lib/array
+
+struct Place {
+    // From the body's frame to that of all: shift, and scale in w.
+    to_whole: vec4<f32>,
+    nodes: u32,
+}
+
+@group(0) @binding(0) var body: texture_2d<f32>;
+@group(0) @binding(1) var places: texture_2d<u32>;
+@group(0) @binding(2) var positions: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(3) var<uniform> params: Place;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.nodes {
+        return;
+    }
+    let p = textureLoad(body, at(i), 0).xyz;
+    let place = textureLoad(places, at(i), 0).x;
+    textureStore(positions, at(place), vec4(params.to_whole.w * p + params.to_whole.xyz, 1.0));
+}

@@ -1,0 +1,164 @@
+//! Several meshes as one, so that one picture shows them all.
+
+use super::{Field, Location, ScalarType, TetMesh};
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+
+/// The cell field that says which mesh a tet came from, and which of its regions.
+const LABEL: &str = "label";
+
+impl TetMesh {
+    /// The meshes `parts`, each with its name, as one: nodes and tets one mesh after the other,
+    /// nothing joined. Its cell field `label` numbers the regions of all of them from 1, named
+    /// `name` or `name/region`. Other fields are kept; where a mesh has not what another has, the
+    /// field is 0 there, and a warning says so.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the meshes have different units; [`Error::Mesh`] when they have more
+    /// nodes or tets than can be indexed.
+    pub fn merged(parts: &[(String, &TetMesh)]) -> Result<TetMesh> {
+        let nodes: usize = parts.iter().map(|(_, m)| m.nodes.len()).sum();
+        let tets: usize = parts.iter().map(|(_, m)| m.tets.len()).sum();
+        if nodes.max(tets) > u32::MAX as usize / 4 {
+            return Err(Error::Mesh(format!(
+                "the bodies have {nodes} nodes and {tets} tets together, more than the {} that 32-bit indices allow",
+                u32::MAX / 4
+            )));
+        }
+        let unit = parts.first().and_then(|(_, m)| m.length_unit);
+        if let Some((name, _)) = parts.iter().find(|(_, m)| m.length_unit != unit) {
+            return Err(Error::Input(format!(
+                "the mesh of \"{name}\" is not in the unit of the first body's"
+            )));
+        }
+        let mut whole = TetMesh {
+            nodes: Vec::with_capacity(nodes),
+            tets: Vec::with_capacity(tets),
+            length_unit: unit,
+            ..TetMesh::default()
+        };
+        for (name, mesh) in parts {
+            let first = whole.nodes.len() as u32;
+            whole.nodes.extend(&mesh.nodes);
+            whole
+                .tets
+                .extend(mesh.tets.iter().map(|t| t.map(|v| v + first)));
+            let said = mesh.repairs.warnings.iter();
+            whole
+                .repairs
+                .warnings
+                .extend(said.map(|w| format!("{name}: {w}")));
+        }
+        whole.label_parts(parts)?;
+        whole.merge_fields(parts)?;
+        Ok(whole)
+    }
+
+    /// Numbers the regions of all parts.
+    fn label_parts(&mut self, parts: &[(String, &TetMesh)]) -> Result<()> {
+        let mut labels = Vec::with_capacity(self.tets.len());
+        let mut next = 1;
+        for (name, mesh) in parts {
+            let Some(field) = mesh.named_region_field() else {
+                self.region_names.insert(next, name.clone());
+                labels.extend(vec![next as f64; mesh.tets.len()]);
+                next += 1;
+                continue;
+            };
+            let mut number = BTreeMap::new();
+            for region in mesh.regions_of(field).into_keys() {
+                let known = mesh.region_names.get(&region);
+                let known = known.cloned().unwrap_or_else(|| region.to_string());
+                self.region_names.insert(next, format!("{name}/{known}"));
+                number.insert(region, next as f64);
+                next += 1;
+            }
+            let of = |v: &f64| number.get(&(*v as i64)).copied().unwrap_or(0.0);
+            labels.extend(field.values.iter().map(of));
+        }
+        self.set_field(Field {
+            scalar_type: ScalarType::I32,
+            ..Field::scalar(LABEL, Location::Cell, labels)
+        })
+    }
+
+    /// Puts the other fields of all parts one after the other.
+    fn merge_fields(&mut self, parts: &[(String, &TetMesh)]) -> Result<()> {
+        let all = parts.iter().flat_map(|(_, mesh)| &mesh.fields);
+        let mut shapes: Vec<&Field> = Vec::new();
+        for field in all.filter(|f| (f.name.as_str(), f.location) != (LABEL, Location::Cell)) {
+            let same = |f: &&&Field| f.name == field.name && f.location == field.location;
+            if shapes.iter().find(same).is_none() {
+                shapes.push(field);
+            }
+        }
+        for shape in shapes {
+            let (mut values, mut without) = (Vec::new(), Vec::new());
+            for (name, mesh) in parts {
+                let count = match shape.location {
+                    Location::Node => mesh.nodes.len(),
+                    Location::Cell => mesh.tets.len(),
+                };
+                match mesh.field(&shape.name, shape.location) {
+                    Some(field) if field.components == shape.components => {
+                        values.extend_from_slice(&field.values);
+                    }
+                    _ => {
+                        without.push(format!("\"{name}\""));
+                        values.resize(values.len() + count * shape.components, 0.0);
+                    }
+                }
+            }
+            if !without.is_empty() {
+                self.repairs.warnings.push(format!(
+                    "field \"{}\" is 0 in {}, which has none like it",
+                    shape.name,
+                    without.join(" and ")
+                ));
+            }
+            self.set_field(Field {
+                name: shape.name.clone(),
+                values,
+                ..*shape
+            })?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn tet(x: f64) -> TetMesh {
+        let nodes = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+        TetMesh {
+            nodes: nodes.map(|p| p + DVec3::X * x).to_vec(),
+            tets: vec![[0, 1, 2, 3]],
+            ..TetMesh::default()
+        }
+    }
+
+    #[test]
+    fn meshes_stand_one_after_the_other_with_their_fields_and_names() {
+        let (mut a, b) = (tet(0.0), tet(2.0));
+        let heat = Field::scalar("heat", Location::Node, vec![1.0, 2.0, 3.0, 4.0]);
+        a.set_field(heat).unwrap();
+        let whole = TetMesh::merged(&[("a".into(), &a), ("b".into(), &b)]).unwrap();
+        assert_eq!(whole.tets, [[0, 1, 2, 3], [4, 5, 6, 7]]);
+        assert_eq!(whole.nodes[5], DVec3::X * 3.0);
+        let heat = &whole.field("heat", Location::Node).unwrap().values;
+        assert_eq!(heat[..], [1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0]);
+        let labels = &whole.field(LABEL, Location::Cell).unwrap().values;
+        assert_eq!(labels[..], [1.0, 2.0]);
+        assert_eq!(whole.region_names[&2], "b");
+        assert!(whole.repairs.warnings[0].contains("\"heat\" is 0 in \"b\""));
+        let metres = TetMesh {
+            length_unit: Some(1.0),
+            ..b
+        };
+        let mixed = TetMesh::merged(&[("a".into(), &a), ("b".into(), &metres)]);
+        assert!(mixed.unwrap_err().to_string().contains("unit"));
+    }
+}

@@ -1,0 +1,295 @@
+//! Several bodies as one simulator: each is stepped by its own, and one picture shows them all.
+
+mod place;
+mod simulator;
+mod whole;
+
+use super::loads::{LoadVersions, LoadsState};
+use super::{Engine, GrabId, Loads, Nodes, Simulator, SimulatorState};
+use crate::gpu::Gpu;
+use crate::{Error, Result};
+use glam::DVec3;
+use place::Place;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use whole::{Part, Whole};
+
+/// One of several bodies.
+pub struct Member {
+    /// What it is called in messages and reports.
+    pub name: String,
+    /// The body, and what moves it.
+    pub simulator: Box<dyn Simulator>,
+    /// The largest step that it is to take, s; a longer one is made of several.
+    pub step: f64,
+}
+
+/// What one of several bodies is, in a report.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MemberReport {
+    /// Its name.
+    pub name: String,
+    /// What computes its steps.
+    pub engine: Engine,
+    /// By which scheme, as on the command line.
+    pub solver: &'static str,
+    /// Tets of its mesh.
+    pub tets: usize,
+    /// Nodes of its mesh.
+    pub nodes: usize,
+    /// Steps that it takes in one of all.
+    pub steps: u32,
+}
+
+/// Several bodies, each with its own matter, scheme and engine, as one [`Simulator`].
+///
+/// Its mesh is theirs, one after the other (see [`TetMesh::merged`](crate::mesh::TetMesh::merged)).
+/// A step is one or several of each, so that stiff bodies do not make soft ones slow. They do not
+/// feel each other. What acts on it acts on each: gravity, pins and forces by the numbers of its
+/// nodes, grabs and cuts by where they are. Its progress counts the steps of the body that took
+/// the fewest.
+pub struct Bodies {
+    gpu: Gpu,
+    members: Vec<Member>,
+    whole: Whole,
+    masses: Vec<f64>,
+    nodes: Nodes,
+    places: Vec<Place>,
+    loads: Loads,
+    /// The loads that its members have.
+    handed: LoadVersions,
+    gravity: DVec3,
+    pinned: Vec<bool>,
+    /// Of each grab, those of its members.
+    grabs: BTreeMap<GrabId, Vec<(usize, GrabId)>>,
+    next_grab: u32,
+}
+
+/// The state of [`Bodies`]: see [`Simulator::state`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BodiesState {
+    members: Vec<SimulatorState>,
+    loads: LoadsState,
+    handed: LoadVersions,
+    gravity: [f64; 3],
+    handed_pins: Vec<bool>,
+    grabs: BTreeMap<GrabId, Vec<(usize, GrabId)>>,
+    next_grab: u32,
+}
+
+impl Bodies {
+    /// `members` as one; their meshes are in one unit.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for none, a step that is not positive, or meshes in different units;
+    /// [`Error::Gpu`] when all nodes together do not fit the device.
+    pub fn new(gpu: &Gpu, members: Vec<Member>) -> Result<Bodies> {
+        let Some(first) = members.first() else {
+            return Err(Error::Input("there are no bodies to simulate".into()));
+        };
+        if let Some(m) = members.iter().find(|m| !(m.step > 0.0)) {
+            return Err(Error::Input(format!(
+                "body \"{}\" is to take steps of {} s; give a positive number",
+                m.name, m.step
+            )));
+        }
+        let length_unit = first.simulator.loads().length_unit();
+        let gravity = first.simulator.loads().gravity();
+        let parts = members.iter();
+        let parts: Vec<_> = parts
+            .map(|m| (m.name.clone(), m.simulator.mesh()))
+            .collect();
+        let whole = Whole::new(&parts)?;
+        let nodes = Nodes::new(gpu, &whole.mesh)?;
+        let mut loads = Loads::new(whole.mesh.nodes.len(), nodes.frame(), length_unit);
+        loads.set_gravity(gravity);
+        let (mut pinned, mut forces) = (Vec::new(), vec![DVec3::ZERO; whole.mesh.nodes.len()]);
+        for (member, places) in members.iter().zip(&whole.places) {
+            let own = member.simulator.loads();
+            // Of a mesh in a cage, the nodes of the cage.
+            if own.pinned().len() == places.len() && member.simulator.carrier().is_none() {
+                let of_nodes = places.iter().zip(own.pinned()).zip(own.forces());
+                for ((v, is), force) in of_nodes {
+                    forces[*v as usize] = *force;
+                    if *is {
+                        pinned.push(*v);
+                    }
+                }
+            }
+        }
+        loads.pin_nodes(&pinned)?;
+        loads.set_forces(&forces)?;
+        let mut bodies = Bodies {
+            gpu: gpu.clone(),
+            masses: Vec::new(),
+            places: Vec::new(),
+            handed: loads.versions,
+            pinned: loads.pinned().to_vec(),
+            gravity,
+            loads,
+            members,
+            whole,
+            nodes,
+            grabs: BTreeMap::new(),
+            next_grab: 0,
+        };
+        bodies.settle()?;
+        Ok(bodies)
+    }
+
+    /// The bodies.
+    pub fn members(&self) -> &[Member] {
+        &self.members
+    }
+
+    /// What each body is, when all take steps of `dt` seconds.
+    pub fn member_reports(&self, dt: f64) -> Vec<MemberReport> {
+        let members = self.members.iter();
+        let report = |m: &Member| MemberReport {
+            name: m.name.clone(),
+            engine: m.simulator.engine(),
+            solver: m.simulator.integrator().name(),
+            tets: m.simulator.mesh().tets.len(),
+            nodes: m.simulator.mesh().nodes.len(),
+            steps: m.steps(dt),
+        };
+        members.map(report).collect()
+    }
+
+    /// Masses of all nodes, and the ways of each body's to where all are.
+    fn settle(&mut self) -> Result<()> {
+        self.masses = vec![0.0; self.whole.mesh.nodes.len()];
+        self.places.clear();
+        for (member, places) in self.members.iter().zip(&self.whole.places) {
+            let simulator = member.simulator.as_ref();
+            let place = Place::new(&self.gpu, simulator.nodes(), places, &self.nodes)?;
+            self.places.push(place);
+            // The masses of a cage are not those of the mesh that it carries.
+            if simulator.carrier().is_none() {
+                for (v, mass) in places.iter().zip(simulator.masses()) {
+                    self.masses[*v as usize] = *mass;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Hands to each body what has changed of the loads on all.
+    fn hand_over(&mut self) -> Result<()> {
+        let versions = self.loads.versions;
+        if versions == self.handed {
+            return Ok(());
+        }
+        let gravity = self.loads.gravity();
+        if gravity != self.gravity {
+            for member in &mut self.members {
+                member.simulator.loads_mut().set_gravity(gravity);
+            }
+            self.gravity = gravity;
+        }
+        if versions.forces != self.handed.forces {
+            for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+                let forces = member_values(self.loads.forces(), places);
+                member.named(|s| s.set_forces(&forces))?;
+            }
+        }
+        if versions.held != self.handed.held {
+            let pinned = self.loads.pinned();
+            let let_go = self.pinned.iter().zip(pinned).any(|(was, is)| *was && !is);
+            for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+                if let_go {
+                    member.simulator.loads_mut().unpin_all();
+                }
+                let own = (0u32..).zip(places).filter(|(_, v)| pinned[**v as usize]);
+                let own: Vec<u32> = own.map(|(i, _)| i).collect();
+                if !own.is_empty() {
+                    member.named(|s| s.pin_nodes(&own))?;
+                }
+            }
+            self.pinned = pinned.to_vec();
+        }
+        self.handed = versions;
+        Ok(())
+    }
+
+    /// Vectors of all nodes, from those of each body's.
+    fn gathered(&self, of: impl Fn(&dyn Simulator) -> Result<Vec<DVec3>>) -> Result<Vec<DVec3>> {
+        let mut all = vec![DVec3::ZERO; self.whole.mesh.nodes.len()];
+        for (member, places) in self.members.iter().zip(&self.whole.places) {
+            let own = of(member.simulator.as_ref()).map_err(|e| member.of_error(e))?;
+            for (v, own) in places.iter().zip(own) {
+                all[*v as usize] = own;
+            }
+        }
+        Ok(all)
+    }
+
+    /// Gives each body its share of vectors at all nodes.
+    fn share_out(
+        &mut self,
+        what: &str,
+        vectors: &[DVec3],
+        put: impl Fn(&mut dyn Simulator, &[DVec3]) -> Result<()>,
+    ) -> Result<()> {
+        let count = self.whole.mesh.nodes.len();
+        if vectors.len() != count {
+            return Err(Error::Input(format!(
+                "{} {what} given for {count} nodes",
+                vectors.len()
+            )));
+        }
+        for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+            let own = member_values(vectors, places);
+            member.named(|s| put(s, &own))?;
+        }
+        Ok(())
+    }
+
+    /// Each body's mesh and neighbours, as cuts have left them.
+    fn parts(members: &[Member]) -> Vec<Part<'_>> {
+        let parts = members.iter().map(|m| m.simulator.as_ref());
+        parts.map(|s| (s.mesh(), s.topology())).collect()
+    }
+}
+
+impl Member {
+    /// Steps that it takes in one of `dt` seconds.
+    fn steps(&self, dt: f64) -> u32 {
+        // A step that is a rounding longer than its largest is one.
+        let steps = (dt / self.step * (1.0 - 1e-9)).ceil();
+        (steps as u32).max(1)
+    }
+
+    /// `of` its simulator; an error says whose it is.
+    fn named<T>(&mut self, of: impl FnOnce(&mut dyn Simulator) -> Result<T>) -> Result<T> {
+        of(self.simulator.as_mut()).map_err(|e| self.of_error(e))
+    }
+
+    fn of_error(&self, error: Error) -> Error {
+        let name = &self.name;
+        match error {
+            Error::Input(what) => Error::Input(format!("body \"{name}\": {what}")),
+            Error::Solver {
+                solver,
+                step,
+                time,
+                cause,
+                what,
+                advice,
+            } => Error::Solver {
+                solver,
+                step,
+                time,
+                cause,
+                what: format!("body \"{name}\": {what}"),
+                advice,
+            },
+            other => other,
+        }
+    }
+}
+
+/// What a body has of values at all nodes.
+fn member_values(all: &[DVec3], places: &[u32]) -> Vec<DVec3> {
+    places.iter().map(|v| all[*v as usize]).collect()
+}

@@ -1,0 +1,58 @@
+//! Brings the nodes of one body to their places among those of several, on the GPU.
+
+use crate::Result;
+use crate::gpu::{Gpu, Pass, Recorder, Texel};
+use crate::physics::Nodes;
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/physics/place.wgsl`.
+        pub struct Place {
+            pub to_whole: [f32; 4],
+            pub nodes: u32,
+            pub _pad: [u32; 3],
+        }
+    }
+}
+
+/// The way of one body's nodes to those of all.
+#[derive(Debug)]
+pub(super) struct Place {
+    pass: Pass,
+    /// The version of the body's nodes that was brought there.
+    brought: Option<u64>,
+}
+
+impl Place {
+    /// Brings node i of `body` to item `places[i]` of `whole`.
+    pub fn new(gpu: &Gpu, body: &Nodes, places: &[u32], whole: &Nodes) -> Result<Place> {
+        let (from, to) = (body.frame(), whole.frame());
+        let shift = ((from.origin - to.origin) / to.scale).as_vec3();
+        let params = gpu_data::Place {
+            to_whole: shift.extend((from.scale / to.scale) as f32).to_array(),
+            nodes: places.len() as u32,
+            _pad: [0; 3],
+        };
+        let places = gpu.array_of("places of a body's nodes", Texel::U32, places)?;
+        let pass = gpu
+            .pass("physics/place")
+            .read(body.array())
+            .read(&places)
+            .write(whole.array())
+            .params(&params)
+            .over(params.nodes)?;
+        Ok(Place {
+            pass,
+            brought: None,
+        })
+    }
+
+    /// Records the bringing of `body`, the nodes it was made with, if they may have moved.
+    pub fn record(&mut self, work: &mut Recorder, body: &Nodes) {
+        let version = Some(body.version());
+        if self.brought != version {
+            self.brought = version;
+            self.pass.record(work);
+        }
+    }
+}

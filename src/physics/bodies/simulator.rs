@@ -1,0 +1,349 @@
+//! What several bodies do as one.
+
+use super::{Bodies, BodiesState, Member};
+use crate::gpu::Recorder;
+use crate::mesh::{Blade, TetMesh, Topology};
+use crate::physics::grab::unknown as unknown_grab;
+use crate::physics::{
+    ConjugateGradients, Energy, Engine, GrabId, Grip, Loads, NodeTerm, Nodes, Pose, Progress,
+    Report, Simulator, SimulatorState, SolverKind, StepRecord, TopologyChange,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::sync::Arc;
+
+impl Simulator for Bodies {
+    fn integrator(&self) -> SolverKind {
+        self.members[0].simulator.integrator()
+    }
+
+    /// The GPU, where any of them is there.
+    fn engine(&self) -> Engine {
+        let on_gpu = |m: &Member| m.simulator.engine() == Engine::Gpu;
+        match self.members.iter().any(on_gpu) {
+            true => Engine::Gpu,
+            false => Engine::Cpu,
+        }
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.whole.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.whole.topology
+    }
+
+    /// Of every node of the mesh; 0 in a mesh that a cage carries.
+    fn masses(&self) -> &[f64] {
+        &self.masses
+    }
+
+    /// Without those of cages.
+    fn springs(&self) -> Vec<[u32; 2]> {
+        let mut springs = Vec::new();
+        for (member, places) in self.members.iter().zip(&self.whole.places) {
+            if member.simulator.carrier().is_none() {
+                let own = member.simulator.springs().into_iter();
+                springs.extend(own.map(|s| s.map(|v| places[v as usize])));
+            }
+        }
+        springs
+    }
+
+    fn bodies(&self) -> Option<&Bodies> {
+        Some(self)
+    }
+
+    /// Where it is the first body's already, each keeps its own and takes the settings.
+    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+        let keep = kind == self.integrator();
+        for member in &mut self.members {
+            let own = member.simulator.integrator();
+            let kind = if keep { own } else { kind };
+            member.named(|s| s.set_integrator(kind, settings))?;
+        }
+        Ok(())
+    }
+
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        for member in &mut self.members {
+            member.named(|s| s.add_term(term.clone()))?;
+        }
+        Ok(())
+    }
+
+    /// None: each takes as many steps in one as it needs.
+    fn largest_stable_step(&self) -> Option<f64> {
+        None
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        self.each_step(steps, dt, |s, steps, dt| s.advance(steps, dt))
+    }
+
+    fn progress(&mut self) -> Result<Progress> {
+        self.progress_of(|s| s.progress())
+    }
+
+    fn finish(&mut self) -> Result<Progress> {
+        self.progress_of(|s| s.finish())
+    }
+
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.each_step(steps, dt, |s, steps, dt| s.record(work, steps, dt))
+    }
+
+    /// Those of the body that took the most.
+    fn iterations(&self) -> Result<Vec<u32>> {
+        let all = self.members.iter().map(|m| m.simulator.iterations());
+        let all: Vec<Vec<u32>> = all.collect::<Result<_>>()?;
+        let most = all.into_iter().max_by_key(|own| own.iter().sum::<u32>());
+        Ok(most.unwrap_or_default())
+    }
+
+    fn publish(&mut self, work: &mut Recorder) -> Result<()> {
+        for (member, place) in self.members.iter_mut().zip(&mut self.places) {
+            member.named(|s| s.publish(work))?;
+            place.record(work, member.simulator.nodes());
+        }
+        Ok(())
+    }
+
+    fn nodes(&self) -> &Nodes {
+        &self.nodes
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        self.gathered(|s| s.positions())
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        self.gathered(|s| s.velocities())
+    }
+
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.share_out("positions", positions, |s, own| s.set_positions(own))
+    }
+
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        self.share_out("velocities", velocities, |s, own| s.set_velocities(own))
+    }
+
+    fn restart(&mut self) -> Result<()> {
+        let each = self.members.iter_mut();
+        each.map(|m| m.named(|s| s.restart())).collect()
+    }
+
+    fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        &mut self.loads
+    }
+
+    /// Grabs nodes of every body that has some there.
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        self.hand_over()?;
+        let (mut held, mut refused) = (Vec::new(), None);
+        for (i, member) in self.members.iter_mut().enumerate() {
+            match member.named(|s| s.grab(centre, radius, grip)) {
+                Ok(grab) => held.push((i, grab)),
+                Err(error) => refused = refused.or(Some(error)),
+            }
+        }
+        if let (true, Some(error)) = (held.is_empty(), refused) {
+            return Err(error);
+        }
+        let id = GrabId::numbered(self.next_grab);
+        self.next_grab += 1;
+        self.grabs.insert(id, held);
+        Ok(id)
+    }
+
+    fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
+        let held = self.grabs.get(&grab).ok_or_else(unknown_grab)?;
+        for (i, own) in held {
+            self.members[*i].named(|s| s.set_target(*own, target))?;
+        }
+        Ok(())
+    }
+
+    fn release(&mut self, grab: GrabId) -> Result<usize> {
+        let held = self.grabs.remove(&grab).ok_or_else(unknown_grab)?;
+        let mut nodes = 0;
+        for (i, own) in held {
+            nodes += self.members[i].named(|s| s.release(own))?;
+        }
+        Ok(nodes)
+    }
+
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
+        let caged = |m: &&Member| m.simulator.carrier().is_some();
+        if let Some(member) = self.members.iter().find(caged) {
+            return Err(Error::Input(format!(
+                "bodies of which a cage carries one, \"{}\", cannot be cut; leave its cage out",
+                member.name
+            )));
+        }
+        self.hand_over()?;
+        let changes = self.members.iter_mut();
+        let changes = changes.map(|m| m.named(|s| s.cut(blade)));
+        let changes: Vec<TopologyChange> = changes.collect::<Result<_>>()?;
+        let springs = changes.iter().map(|c| c.springs).sum();
+        if changes.iter().all(TopologyChange::is_empty) {
+            return Ok(TopologyChange::default());
+        }
+        let first = self.whole.mesh.nodes.len();
+        let cut = self.whole.follow(&changes, &Bodies::parts(&self.members));
+        let frame = self.nodes.frame();
+        let doubles = self.whole.mesh.nodes[first..].iter();
+        let texels: Vec<[f32; 4]> = doubles
+            .map(|p| frame.to_local(*p).extend(1.0).to_array())
+            .collect();
+        self.nodes.extend(&texels)?;
+        self.settle()?;
+        // The bodies have shared out their loads already, in the same way.
+        self.loads.follow(&cut, &self.masses);
+        self.handed = self.loads.versions;
+        self.pinned = self.loads.pinned().to_vec();
+        Ok(TopologyChange { mesh: cut, springs })
+    }
+
+    fn report(&self) -> Result<Report> {
+        let (mut kinetic, mut elastic) = (0.0, 0.0);
+        for member in &self.members {
+            let energy = member.simulator.report()?.energy;
+            kinetic += energy.kinetic;
+            elastic += energy.elastic;
+        }
+        let energy = Energy {
+            kinetic,
+            elastic,
+            total: kinetic + elastic,
+        };
+        let positions = self.positions()?;
+        Ok(Report::of_positions(energy, &self.whole.mesh, &positions))
+    }
+
+    /// Of the fastest, in its own size.
+    fn speed(&self) -> f64 {
+        let speeds = self.members.iter().map(|m| m.simulator.speed());
+        speeds.fold(0.0, f64::max)
+    }
+
+    fn touched(&self) -> u64 {
+        let each = self.members.iter().map(|m| m.simulator.touched());
+        each.fold(self.loads.version(), u64::wrapping_add)
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        let members = self.members.iter().map(|m| m.simulator.state());
+        Ok(SimulatorState::Bodies(Box::new(BodiesState {
+            members: members.collect::<Result<_>>()?,
+            loads: self.loads.state(),
+            handed: self.handed,
+            gravity: self.gravity.to_array(),
+            handed_pins: self.pinned.clone(),
+            grabs: self.grabs.clone(),
+            next_grab: self.next_grab,
+        })))
+    }
+
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
+        let others = || Error::Input("the state of other bodies".into());
+        let SimulatorState::Bodies(state) = state else {
+            return Err(others());
+        };
+        let grabs = || state.grabs.values().flatten();
+        if state.members.len() != self.members.len()
+            || state.handed_pins.len() != self.pinned.len()
+            || grabs().any(|(i, _)| *i >= self.members.len())
+        {
+            return Err(others());
+        }
+        self.loads.set_state(&state.loads)?;
+        for (member, state) in self.members.iter_mut().zip(&state.members) {
+            member.named(|s| s.set_state(state))?;
+        }
+        self.handed = state.handed;
+        self.gravity = state.gravity.into();
+        self.pinned.clone_from(&state.handed_pins);
+        self.grabs.clone_from(&state.grabs);
+        self.next_grab = state.next_grab;
+        Ok(())
+    }
+
+    fn pose(&self) -> Result<Pose> {
+        let parts = self.members.iter().map(|m| m.simulator.pose());
+        Ok(Pose {
+            parts: parts.collect::<Result<_>>()?,
+            ..Pose::default()
+        })
+    }
+
+    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+        if pose.parts.len() != self.members.len() {
+            return Err(Error::Input("the pose of other bodies".into()));
+        }
+        let each = self.members.iter_mut().zip(&pose.parts);
+        each.map(|(m, pose)| m.named(|s| s.set_pose(pose)))
+            .collect()
+    }
+}
+
+impl Bodies {
+    /// Asks each body for `steps` steps of `dt` seconds, in as many of its own as it needs.
+    fn each_step(
+        &mut self,
+        steps: u32,
+        dt: f64,
+        mut ask: impl FnMut(&mut dyn Simulator, u32, f64) -> Result<()>,
+    ) -> Result<()> {
+        self.hand_over()?;
+        for member in &mut self.members {
+            let own = member.steps(dt);
+            let Some(all) = steps.checked_mul(own) else {
+                return Err(Error::Input(format!(
+                    "body \"{}\" would take {own} steps in each of {dt} s; give it a larger one, or all a smaller one",
+                    member.name
+                )));
+            };
+            member.named(|s| ask(s, all, dt / f64::from(own)))?;
+        }
+        Ok(())
+    }
+
+    /// The progress of all, which is that of the last; the first error, after all have told.
+    fn progress_of(
+        &mut self,
+        of: impl Fn(&mut dyn Simulator) -> Result<Progress>,
+    ) -> Result<Progress> {
+        let (mut all, mut failed) = (None::<Progress>, None);
+        for member in &mut self.members {
+            match member.named(&of) {
+                Err(error) => failed = failed.or(Some(error)),
+                Ok(own) => all = Some(all.map_or(own, |all| together(all, own))),
+            }
+        }
+        match (failed, all) {
+            (Some(error), _) => Err(error),
+            (None, all) => Ok(all.unwrap_or_default()),
+        }
+    }
+}
+
+/// How far two bodies are.
+fn together(a: Progress, b: Progress) -> Progress {
+    Progress {
+        steps: a.steps.min(b.steps),
+        time: a.time.min(b.time),
+        last: StepRecord {
+            iterations: a.last.iterations.max(b.last.iterations),
+            residual: a.last.residual.max(b.last.residual),
+            kinetic: a.last.kinetic + b.last.kinetic,
+            elastic: a.last.elastic + b.last.elastic,
+        },
+    }
+}

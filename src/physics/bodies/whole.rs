@@ -1,0 +1,227 @@
+//! The mesh of several bodies as one, and what a cut of some of them is in its numbers.
+
+use crate::Result;
+use crate::mesh::{BoundaryFace, Location, NO_NEIGHBOUR, TetCut, TetMesh, Topology};
+use crate::physics::TopologyChange;
+use rayon::slice::ParallelSliceMut;
+
+/// A mesh of several, and where the nodes of each stand in it.
+///
+/// Tets of a body stay together, one body after the other; nodes that cuts have doubled come
+/// after those of all bodies.
+pub(super) struct Whole {
+    pub mesh: TetMesh,
+    pub topology: Topology,
+    /// Of each body, the number of its nodes among all.
+    pub places: Vec<Vec<u32>>,
+}
+
+/// A body's mesh, with its neighbours.
+pub(super) type Part<'a> = (&'a TetMesh, &'a Topology);
+
+impl Whole {
+    /// The meshes of `parts`, by name, as one.
+    pub fn new(parts: &[(String, &TetMesh)]) -> Result<Whole> {
+        let mesh = TetMesh::merged(parts)?;
+        let mut first = 0;
+        let places = parts.iter().map(|(_, part)| {
+            let nodes = part.nodes.len() as u32;
+            first += nodes;
+            (first - nodes..first).collect()
+        });
+        Ok(Whole {
+            places: places.collect(),
+            topology: Topology::new(&mesh),
+            mesh,
+        })
+    }
+
+    /// Follows the cuts of its bodies, one for each; `parts` are they as cuts have left them.
+    pub fn follow(&mut self, changes: &[TopologyChange], parts: &[Part]) -> TetCut {
+        let mut whole = TetCut::default();
+        let mut first = 0;
+        for (i, (change, (mesh, _))) in changes.iter().zip(parts).enumerate() {
+            let cut = &change.mesh;
+            let tets = (mesh.tets.len() + cut.removed.len()) as u32;
+            for [new, old] in &cut.doubled {
+                let old = self.places[i][*old as usize];
+                whole.doubled.push([self.double(old), old]);
+                self.places[i].push(self.mesh.nodes.len() as u32 - 1);
+                debug_assert_eq!(*new as usize + 1, self.places[i].len());
+            }
+            add(&mut whole, cut, first, &self.places[i]);
+            first += tets;
+        }
+        if !whole.removed.is_empty() {
+            // As after any removal: numbers have changed.
+            let (doubled, opened, removed) = (whole.doubled, whole.opened, whole.removed);
+            let nodes = whole.nodes;
+            whole = TetCut {
+                doubled,
+                opened,
+                removed,
+                nodes,
+                ..TetCut::default()
+            };
+            self.drop_cell_values(&whole.removed);
+        }
+        whole.nodes.sort_unstable();
+        whole.edges_before.sort_unstable();
+        whole.around.sort_unstable();
+        self.join(parts);
+        whole
+    }
+
+    /// Adds a double of node `old`, and returns its number.
+    fn double(&mut self, old: u32) -> u32 {
+        let new = self.mesh.nodes.len() as u32;
+        self.mesh.nodes.push(self.mesh.nodes[old as usize]);
+        for field in &mut self.mesh.fields {
+            if field.location == Location::Node {
+                let at = old as usize * field.components;
+                field.values.extend_from_within(at..at + field.components);
+            }
+        }
+        new
+    }
+
+    /// Forgets what fields say of tets that were removed, ascending.
+    fn drop_cell_values(&mut self, removed: &[u32]) {
+        for field in &mut self.mesh.fields {
+            if field.location == Location::Cell {
+                let (mut gone, mut i) = (removed.iter().peekable(), 0);
+                let mut kept = Vec::with_capacity(field.values.len());
+                for tuple in field.values.chunks_exact(field.components) {
+                    if gone.next_if(|t| **t == i).is_none() {
+                        kept.extend_from_slice(tuple);
+                    }
+                    i += 1;
+                }
+                field.values = kept;
+            }
+        }
+    }
+
+    /// Tets, neighbours, boundary and edges of all parts.
+    fn join(&mut self, parts: &[Part]) {
+        let (mesh, all) = (&mut self.mesh, &mut self.topology);
+        mesh.tets.clear();
+        all.neighbours.clear();
+        all.boundary.clear();
+        all.edges.clear();
+        for ((part, topology), places) in parts.iter().zip(&self.places) {
+            let first = mesh.tets.len() as u32;
+            let place = |v: u32| places[v as usize];
+            mesh.tets.extend(part.tets.iter().map(|t| t.map(place)));
+            let code = |c: u32| match c {
+                NO_NEIGHBOUR => NO_NEIGHBOUR,
+                c => c + 4 * first,
+            };
+            let codes = topology.neighbours.iter().map(|n| n.map(code));
+            all.neighbours.extend(codes);
+            let boundary = topology.boundary.iter();
+            all.boundary.extend(boundary.map(|f| shifted(*f, first)));
+            let edges = topology.edges.iter();
+            all.edges.extend(edges.map(|e| e.map(place)));
+        }
+        all.edges.par_sort_unstable();
+    }
+}
+
+/// Adds the cut of a body whose tets begin at `first` to that of all. Places ascend, so that a
+/// smaller node stays the smaller one.
+fn add(whole: &mut TetCut, cut: &TetCut, first: u32, places: &[u32]) {
+    let place = |v: u32| places[v as usize];
+    let tet = |t: &u32| t + first;
+    let opened = cut.opened.iter();
+    whole
+        .opened
+        .extend(opened.map(|pair| pair.map(|f| shifted(f, first))));
+    whole.tets.extend(cut.tets.iter().map(tet));
+    whole.star.extend(cut.star.iter().map(tet));
+    whole.removed.extend(cut.removed.iter().map(tet));
+    whole.nodes.extend(cut.nodes.iter().map(|v| place(*v)));
+    let before = cut.edges_before.iter();
+    whole.edges_before.extend(before.map(|e| e.map(place)));
+    let around = cut.around.iter();
+    whole
+        .around
+        .extend(around.map(|(e, t)| (e.map(place), t + first)));
+}
+
+fn shifted(face: BoundaryFace, first: u32) -> BoundaryFace {
+    BoundaryFace {
+        tet: face.tet + first,
+        ..face
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{Blade, cut, generate};
+    use glam::DVec3;
+
+    /// Two bars side by side, cut one after the other and both at once: as if each cut had been
+    /// made in the whole.
+    #[test]
+    fn a_cut_of_parts_is_the_cut_of_the_whole() {
+        let bar = generate::by_name("bar", Some(600)).unwrap();
+        let (low, high) = bar.bounds();
+        let away = DVec3::Y * 2.0 * (high - low).length();
+        let mut second = bar.clone();
+        second.nodes.iter_mut().for_each(|p| *p += away);
+        let mut meshes = [bar, second];
+        let mut topologies = [0, 1].map(|i| Topology::new(&meshes[i]));
+        let named = |meshes: &[TetMesh; 2]| {
+            let named = ["a", "b"].map(String::from);
+            named.into_iter().zip(meshes.clone()).collect::<Vec<_>>()
+        };
+        let parts = named(&meshes);
+        let parts: Vec<(String, &TetMesh)> = parts.iter().map(|(n, m)| (n.clone(), m)).collect();
+        let mut whole = Whole::new(&parts).unwrap();
+        let (mut mesh, mut topology) = (whole.mesh.clone(), whole.topology.clone());
+        let size = high - low;
+        let blade = |at: f64, y: [f64; 2]| {
+            let x = low.x + at * size.x;
+            let reach = [low.z - size.z, high.z + size.z];
+            let edge = |y: f64| reach.map(|z| DVec3::new(x, y, z));
+            Blade::swept(&y.map(edge)).unwrap()
+        };
+        let ends = [low.y - size.y, high.y + size.y];
+        let both = [ends[0], ends[1] + away.y];
+        let only_second = ends.map(|y| y + away.y);
+        for (at, y) in [(0.3, ends), (0.6, only_second), (0.45, both)] {
+            let blade = blade(at, y);
+            let mut changes = Vec::new();
+            for (mesh, topology) in meshes.iter_mut().zip(&mut topologies) {
+                let at = mesh.nodes.clone();
+                changes.push(TopologyChange {
+                    mesh: cut(mesh, topology, &at, &blade).unwrap(),
+                    springs: 0,
+                });
+            }
+            let parts: Vec<Part> = meshes.iter().zip(&topologies).collect();
+            let told = whole.follow(&changes, &parts);
+            assert!(!told.is_empty());
+            let at = mesh.nodes.clone();
+            let truth = cut(&mut mesh, &mut topology, &at, &blade).unwrap();
+            assert_eq!(told.doubled.len(), truth.doubled.len());
+            assert_eq!((&told.tets, &told.star), (&truth.tets, &truth.star));
+            assert_eq!(whole.topology.neighbours, topology.neighbours);
+            assert_eq!(whole.topology.boundary, topology.boundary);
+            assert_eq!(whole.topology.edges.len(), topology.edges.len());
+            let fresh = Topology::new(&whole.mesh);
+            assert_eq!(whole.topology.edges, fresh.edges);
+            assert_eq!(whole.mesh.nodes.len(), mesh.nodes.len());
+            let sorted = |list: &[[u32; 2]]| list.windows(2).all(|w| w[0] <= w[1]);
+            assert!(sorted(&told.edges_before) && told.nodes.is_sorted());
+            for [new, old] in &told.doubled {
+                assert_eq!(
+                    whole.mesh.nodes[*new as usize],
+                    whole.mesh.nodes[*old as usize]
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! From a scene's `[[body]]` entries to several bodies that move as one.
+
+use super::simulator::Setup;
+use super::{BodyEntry, MeshSource, Scene, SolverEntry};
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::physics::grid::GridShape;
+use crate::physics::{Bodies, Member, SolverKind};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// A body of a scene, not yet simulated.
+pub(super) struct BodySource {
+    name: String,
+    /// The scene that it would be by itself.
+    scene: Scene,
+    mesh: TetMesh,
+    /// What a grid body is carved to.
+    shape: Option<GridShape>,
+    notes: Vec<String>,
+}
+
+impl Scene {
+    /// The mesh of a scene of one body.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene of several; otherwise as [`MeshSource::load`].
+    pub fn mesh_of_one(&self) -> Result<TetMesh> {
+        match self.body.is_empty() {
+            true => self.mesh.load(),
+            false => Err(Error::Input(
+                "this works on one body, and the scene has [[body]] entries; make a scene with the [mesh] of one of them".into(),
+            )),
+        }
+    }
+
+    /// The bodies of [`Scene::body`], in the unit of the first and where they stand.
+    pub(super) fn body_sources(&self) -> Result<Vec<BodySource>> {
+        if self.mesh != MeshSource::default() || self.grid.is_some() || self.cage.is_some() {
+            return Err(Error::Input(
+                "the scene has [[body]] entries, so [mesh], [grid] and [cage] belong into each of them".into(),
+            ));
+        }
+        if !(self.pin.is_empty() && self.force.is_empty()) {
+            return Err(Error::Input(
+                "the scene has [[body]] entries, so [[pin]] and [[force]] belong to one of them: write [[body.pin]] and [[body.force]]".into(),
+            ));
+        }
+        let mut sources: Vec<BodySource> = Vec::new();
+        for (i, entry) in self.body.iter().enumerate() {
+            let name = entry.name.clone();
+            let name = name.unwrap_or_else(|| format!("body {}", i + 1));
+            if sources.iter().any(|s| s.name == name) {
+                return Err(Error::Input(format!(
+                    "two bodies are called \"{name}\"; give each a name of its own"
+                )));
+            }
+            let unit = sources.first().map(|s| s.mesh.length_unit);
+            let source = self.body_source(entry, &name, unit);
+            sources.push(source.map_err(|e| of_body(&name, e))?);
+        }
+        Ok(sources)
+    }
+
+    /// One body, in `unit` if there is one that it has to be in.
+    fn body_source(
+        &self,
+        entry: &BodyEntry,
+        name: &str,
+        unit: Option<Option<f64>>,
+    ) -> Result<BodySource> {
+        let scene = self.of_body(entry);
+        let (mut mesh, mut shape, notes) = match &scene.grid {
+            None => (scene.mesh.load()?, None, Vec::new()),
+            Some(grid) => {
+                let (shape, mesh, notes) = scene.carve(grid)?;
+                (mesh, Some(shape), notes)
+            }
+        };
+        let given = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        let own = given.or(mesh.length_unit);
+        let unit = unit.unwrap_or(own);
+        let scale = own.unwrap_or(1.0) / unit.unwrap_or(1.0);
+        let offset = DVec3::from(entry.offset.unwrap_or_default());
+        if !offset.is_finite() {
+            return Err(Error::Input(format!(
+                "offset = {offset}: three finite numbers are expected"
+            )));
+        }
+        mesh.length_unit = unit;
+        for p in &mut mesh.nodes {
+            *p = scale * *p + offset;
+        }
+        if let Some(shape) = &mut shape {
+            shape.origin = scale * shape.origin + offset;
+            shape.spacing *= scale;
+        }
+        Ok(BodySource {
+            name: name.into(),
+            scene: Scene {
+                // The mesh knows its unit from here on.
+                mesh: MeshSource::default(),
+                ..scene
+            },
+            mesh,
+            shape,
+            notes,
+        })
+    }
+
+    /// The scene that `entry` would be by itself.
+    fn of_body(&self, entry: &BodyEntry) -> Scene {
+        let material = entry.material.clone();
+        let name = entry.solver.clone().or(self.solver.name.clone());
+        // The common step is made of as many as an explicit scheme needs.
+        let implicit = name.as_deref() == Some(SolverKind::Implicit.name());
+        Scene {
+            mesh: entry.mesh.clone(),
+            material: material.unwrap_or_else(|| self.material.clone()),
+            solver: SolverEntry {
+                name,
+                engine: entry.engine.or(self.solver.engine),
+                dt: entry.dt.or(self.solver.dt.filter(|_| implicit)),
+                ..self.solver.clone()
+            },
+            pin: entry.pin.clone(),
+            force: entry.force.clone(),
+            grid: entry.grid.clone(),
+            cage: entry.cage.clone(),
+            body: Vec::new(),
+            ..self.clone()
+        }
+    }
+}
+
+/// The meshes of `sources` as one that nothing moves, and what was noted of them.
+pub(super) fn posed(sources: Vec<BodySource>) -> Result<(TetMesh, Vec<String>)> {
+    let parts: Vec<_> = sources.iter().map(|s| (s.name.clone(), &s.mesh)).collect();
+    let mesh = TetMesh::merged(&parts)?;
+    let notes = sources.into_iter();
+    let notes = notes.flat_map(|s| s.notes.into_iter().map(move |n| format!("{}: {n}", s.name)));
+    Ok((mesh, notes.collect()))
+}
+
+/// Whether any of `sources` has a solver.
+pub(super) fn any_moves(sources: &[BodySource]) -> bool {
+    sources.iter().any(|s| s.scene.solver.name.is_some())
+}
+
+/// The simulator of all `sources`, and in words what was assumed.
+pub(super) fn setup(
+    gpu: &Gpu,
+    scene: &Scene,
+    sources: Vec<BodySource>,
+) -> Result<(Setup, Vec<String>)> {
+    let (mut members, mut notes) = (Vec::new(), Vec::new());
+    let (mut reach, mut moves, mut grids) = (Vec::new(), false, 0);
+    for source in sources {
+        let name = source.name;
+        let kind = source.scene.solver.name.as_deref();
+        let kind = kind.map(str::parse::<SolverKind>).transpose()?;
+        let kind = kind.ok_or_else(|| {
+            Error::Input(format!(
+                "body \"{name}\" has no solver while others have one; [solver] name = \"implicit\" gives all of them one"
+            ))
+        })?;
+        let own = Setup::new(gpu, &source.scene, kind, source.mesh, source.shape);
+        let (own, said) = own.map_err(|e| of_body(&name, e))?;
+        let said = source.notes.into_iter().chain(said);
+        notes.extend(said.map(|note| format!("{name}: {note}")));
+        grids += usize::from(own.grid);
+        match own.reach {
+            Some(points) => {
+                moves = true;
+                reach.extend(points);
+            }
+            None => reach.extend(&own.simulator.mesh().nodes),
+        }
+        members.push(Member {
+            name,
+            simulator: own.simulator,
+            step: own.dt,
+        });
+    }
+    let longest = members.iter().map(|m| m.step).fold(0.0, f64::max);
+    let dt = scene.solver.dt.unwrap_or(longest);
+    let grid = grids == members.len();
+    let bodies = Bodies::new(gpu, members)?;
+    for member in bodies.member_reports(dt) {
+        if member.steps > 1 {
+            notes.push(format!(
+                "{}: {} steps in each of {dt:.3e} s that all take",
+                member.name, member.steps
+            ));
+        }
+    }
+    let setup = Setup {
+        simulator: Box::new(bodies),
+        dt,
+        cage: None,
+        grid,
+        reach: moves.then_some(reach),
+    };
+    Ok((setup, notes))
+}
+
+/// An error that says which body it is about.
+fn of_body(name: &str, error: Error) -> Error {
+    match error {
+        Error::Input(what) => Error::Input(format!("body \"{name}\": {what}")),
+        other => other,
+    }
+}

@@ -1,0 +1,182 @@
+//! Several bodies as one simulator.
+
+use super::simulators::{bar, carried, cpu_grid, hold, material};
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::Error;
+use palpate::gpu::Gpu;
+use palpate::mesh::Blade;
+use palpate::physics::{
+    Bodies, CpuTets, EngineChoice, GpuTets, Grip, Member, Simulator, SolverKind,
+};
+
+/// From one body to the next.
+const APART: DVec3 = DVec3::new(0.0, 0.3, 0.0);
+
+fn moved_bar(by: DVec3) -> palpate::mesh::TetMesh {
+    let mut mesh = bar();
+    mesh.nodes.iter_mut().for_each(|p| *p += by);
+    mesh
+}
+
+/// Of each kind one, held and heavy, and the largest step that each takes.
+fn members(gpu: &Gpu) -> Vec<Member> {
+    let (soft, cg) = (material(), Default::default());
+    let implicit = GpuTets::new(gpu, bar(), &soft, SolverKind::Implicit).unwrap();
+    let verlet = moved_bar(APART);
+    let verlet = CpuTets::<f32>::new(gpu, verlet, &soft, SolverKind::VelocityVerlet, cg).unwrap();
+    let auto = EngineChoice::Auto;
+    let all: [(&str, Box<dyn Simulator>); 4] = [
+        ("implicit", Box::new(implicit)),
+        ("verlet", Box::new(verlet)),
+        ("grid", Box::new(cpu_grid(gpu))),
+        ("carried", Box::new(carried(gpu, auto))),
+    ];
+    let members = all.into_iter().map(|(name, mut simulator)| {
+        hold(simulator.as_mut());
+        Member {
+            name: name.into(),
+            step: simulator.largest_stable_step().map_or(0.005, |h| 0.4 * h),
+            simulator,
+        }
+    });
+    members.collect()
+}
+
+fn drawn(bodies: &mut Bodies, gpu: &Gpu) -> Vec<DVec3> {
+    let mut work = gpu.record();
+    bodies.publish(&mut work).unwrap();
+    work.submit().unwrap();
+    bodies.nodes().positions().unwrap()
+}
+
+fn farthest(a: &[DVec3], b: &[DVec3]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let apart = a.iter().zip(b).map(|(a, b)| a.distance(*b));
+    apart.fold(0.0, f64::max)
+}
+
+#[test]
+fn each_moves_as_it_does_alone_in_steps_of_its_own() {
+    let gpu = gpu();
+    let dt = 0.005;
+    let mut bodies = Bodies::new(&gpu, members(&gpu)).unwrap();
+    let own: Vec<u32> = bodies.member_reports(dt).iter().map(|m| m.steps).collect();
+    assert!(own[0] == 1 && own[1] > 1 && own[2] > 1, "{own:?}");
+    bodies.run(10, dt).unwrap();
+    let there = bodies.positions().unwrap();
+    let mut first = 0;
+    for (mut alone, steps) in members(&gpu).into_iter().zip(own) {
+        let simulator = alone.simulator.as_mut();
+        simulator.run(10 * steps, dt / f64::from(steps)).unwrap();
+        let truth = simulator.positions().unwrap();
+        let part = &there[first..first + truth.len()];
+        assert_eq!(part, truth, "{}", alone.name);
+        first += truth.len();
+    }
+    assert_eq!(first, there.len());
+    // The pass that brings them together is its float64 form, and can be told from it.
+    let seen = drawn(&mut bodies, &gpu);
+    assert!(farthest(&seen, &there) < 1e-7);
+    bodies.run(1, dt).unwrap();
+    assert!(farthest(&seen, &bodies.positions().unwrap()) > 1e-5);
+    assert!(farthest(&drawn(&mut bodies, &gpu), &bodies.positions().unwrap()) < 1e-7);
+}
+
+#[test]
+fn what_acts_on_all_acts_on_each() {
+    let gpu = gpu();
+    let dt = 0.005;
+    let mut bodies = Bodies::new(&gpu, members(&gpu)).unwrap();
+    // Without weight, forces and pins on some nodes of the second.
+    let first = bodies.members()[0].simulator.mesh().nodes.len() as u32;
+    let count = bodies.mesh().nodes.len();
+    let loads = bodies.loads_mut();
+    loads.set_gravity(DVec3::ZERO);
+    loads.unpin_all();
+    loads.pin_nodes(&[first, first + 1, first + 2]).unwrap();
+    let mut forces = vec![DVec3::ZERO; count];
+    forces[first as usize + 40] = DVec3::new(0.0, 0.0, 1e-3);
+    loads.set_forces(&forces).unwrap();
+    bodies.run(10, dt).unwrap();
+    let moved = |bodies: &Bodies, i: usize| {
+        let own = bodies.members()[i].simulator.as_ref();
+        farthest(&own.positions().unwrap(), &own.mesh().nodes)
+    };
+    let still = |i: usize| moved(&bodies, i) < 1e-7;
+    assert!(still(0) && still(2) && still(3));
+    assert!(moved(&bodies, 1) > 1e-6);
+    let held = &bodies.positions().unwrap()[first as usize..][..3];
+    assert!(farthest(held, &bodies.mesh().nodes[first as usize..][..3]) < 1e-9);
+    // A grab takes nodes of the bodies that are there only.
+    let at = DVec3::new(0.2, 0.025, 0.025) + APART;
+    let grab = bodies.grab(at, 0.02, Grip::Follow).unwrap();
+    let target = at + DVec3::Z * 0.01;
+    bodies.set_target(grab, target).unwrap();
+    bodies.run(1, dt).unwrap();
+    assert!(moved(&bodies, 1) > 5e-3 && moved(&bodies, 0) < 1e-7);
+    assert!(bodies.release(grab).unwrap() > 0);
+    assert!(bodies.release(grab).is_err());
+    let nowhere = bodies.grab(DVec3::splat(9.0), 0.01, Grip::Follow);
+    assert!(
+        nowhere
+            .unwrap_err()
+            .to_string()
+            .contains("body \"implicit\"")
+    );
+    // Back to where all began.
+    bodies.restart().unwrap();
+    assert!(farthest(&bodies.positions().unwrap(), &bodies.mesh().nodes) < 1e-7);
+}
+
+#[test]
+fn a_cut_goes_through_all_that_it_meets() {
+    let gpu = gpu();
+    let dt = 0.005;
+    let mut three = members(&gpu);
+    let caged = three.pop().unwrap();
+    let mut bodies = Bodies::new(&gpu, three).unwrap();
+    bodies.run(4, dt).unwrap();
+    let nodes = bodies.mesh().nodes.len();
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+    let blade = |x: f64| Blade::quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap();
+    let change = bodies.cut(&blade(0.101)).unwrap();
+    // Of tets nodes are doubled, of particles tets are lost.
+    assert!(!change.mesh.doubled.is_empty() && !change.mesh.removed.is_empty());
+    assert_eq!(bodies.mesh().nodes.len(), nodes + change.mesh.doubled.len());
+    for _ in 0..2 {
+        bodies.run(6, dt).unwrap();
+        let there = bodies.positions().unwrap();
+        assert!(farthest(&drawn(&mut bodies, &gpu), &there) < 1e-7);
+        let own: f64 = bodies
+            .members()
+            .iter()
+            .map(|m| m.simulator.report().unwrap().energy.total)
+            .sum();
+        let whole = bodies.report().unwrap();
+        assert!((whole.energy.total / own - 1.0).abs() < 1e-9);
+        assert_eq!(whole.inverted, 0);
+        bodies.cut(&blade(0.051)).unwrap();
+    }
+    assert!(bodies.cut(&blade(9.0)).unwrap().is_empty());
+    let mut with_cage = Bodies::new(&gpu, vec![caged]).unwrap();
+    let refused = with_cage.cut(&blade(0.101)).unwrap_err().to_string();
+    assert!(refused.contains("\"carried\""), "{refused}");
+}
+
+#[test]
+fn a_failure_says_whose_it_is() {
+    let gpu = gpu();
+    let mut members = members(&gpu);
+    // Far beyond what its scheme can bear.
+    members[1].step = 1.0;
+    let mut bodies = Bodies::new(&gpu, members).unwrap();
+    let told = bodies.run(400, 0.05).unwrap_err();
+    assert!(matches!(told, Error::Solver { .. }), "{told}");
+    let told = told.to_string();
+    assert!(
+        told.contains("body \"verlet\"") && told.contains("velocity-verlet"),
+        "{told}"
+    );
+    assert!(Bodies::new(&gpu, Vec::new()).is_err());
+}
