@@ -9,6 +9,9 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 type Mapped = std::result::Result<(), wgpu::BufferAsyncError>;
 
+/// Copies recorded for others to submit that may be on their way at a time.
+const MOST_RECORDED: usize = 4;
+
 /// Copies of one small buffer on their way back, oldest first.
 #[derive(Debug)]
 pub(crate) struct Ring {
@@ -16,6 +19,8 @@ pub(crate) struct Ring {
     bytes: u64,
     free: Vec<wgpu::Buffer>,
     flying: VecDeque<(wgpu::Buffer, Mutexed)>,
+    /// Of copies recorded for others to submit, the numbers that they were given.
+    recorded: VecDeque<(wgpu::Buffer, Mutexed, u64)>,
 }
 
 /// A receiver that a structure shared among threads can hold.
@@ -29,12 +34,14 @@ impl Ring {
             bytes,
             free: Vec::new(),
             flying: VecDeque::new(),
+            recorded: VecDeque::new(),
         }
     }
 
     /// Forgets the copies on their way.
     pub fn clear(&mut self) {
         self.flying.clear();
+        self.recorded.clear();
     }
 
     /// How many copies are on their way.
@@ -47,10 +54,7 @@ impl Ring {
     /// # Errors
     /// What the device refuses.
     pub fn submit(&mut self, mut work: Recorder<'static>, from: &wgpu::Buffer) -> Result<()> {
-        let staging = match self.free.pop() {
-            Some(staging) => staging,
-            None => self.gpu.staging(self.bytes)?,
-        };
+        let staging = self.staging()?;
         let encoder = work.encoder();
         encoder.copy_buffer_to_buffer(from, 0, &staging, 0, self.bytes);
         work.submit()?;
@@ -62,6 +66,67 @@ impl Ring {
         staging.slice(..).map_async(wgpu::MapMode::Read, tell);
         self.flying.push_back((staging, receiver.into()));
         Ok(())
+    }
+
+    fn staging(&mut self) -> Result<wgpu::Buffer> {
+        match self.free.pop() {
+            Some(staging) => Ok(staging),
+            None => self.gpu.staging(self.bytes),
+        }
+    }
+
+    /// Records a copy of `from`, to be looked at with [`Ring::latest`] after the caller has
+    /// submitted `work`; `number` tells it from others. None where enough are on their way.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    pub fn record(&mut self, work: &mut Recorder, from: &wgpu::Buffer, number: u64) -> Result<()> {
+        if self.recorded.len() >= MOST_RECORDED {
+            return Ok(());
+        }
+        let staging = self.staging()?;
+        let encoder = work.encoder();
+        encoder.copy_buffer_to_buffer(from, 0, &staging, 0, self.bytes);
+        let (sender, receiver) = channel();
+        let tell = move |result| {
+            // If the ring is gone, nobody asks.
+            let _ = sender.send(result);
+        };
+        encoder.map_buffer_on_submit(&staging, wgpu::MapMode::Read, .., tell);
+        self.recorded.push_back((staging, receiver.into(), number));
+        Ok(())
+    }
+
+    /// The number and content of the latest copy that [`Ring::record`] recorded and that has
+    /// arrived; none where none has since the last time. Those that were never submitted are
+    /// forgotten.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn latest<T: bytemuck::Pod>(&mut self) -> Result<Option<(u64, Vec<T>)>> {
+        if self.recorded.is_empty() {
+            return Ok(None);
+        }
+        self.gpu.check()?;
+        let mut latest = None;
+        for (staging, receiver, number) in std::mem::take(&mut self.recorded) {
+            let told = match receiver.lock() {
+                Ok(receiver) => receiver.try_recv(),
+                Err(poisoned) => poisoned.into_inner().try_recv(),
+            };
+            match told {
+                Ok(Ok(())) => {
+                    latest = Some((number, content(&staging)?));
+                    self.free.push(staging);
+                }
+                Err(TryRecvError::Empty) => {
+                    self.recorded.push_back((staging, receiver, number));
+                }
+                // Never submitted, or the device is lost, which others say.
+                Ok(Err(_)) | Err(TryRecvError::Disconnected) => {}
+            }
+        }
+        Ok(latest)
     }
 
     /// The oldest copy, if it has arrived; with `wait` it is waited for. None where none is on its
@@ -98,17 +163,23 @@ impl Ring {
         let Some((staging, _)) = self.flying.pop_front() else {
             return Ok(None);
         };
-        let items = {
-            let view = staging
-                .slice(..)
-                .get_mapped_range()
-                .map_err(|e| Error::Gpu(e.to_string()))?;
-            view.chunks_exact(size_of::<T>())
-                .map(bytemuck::pod_read_unaligned)
-                .collect()
-        };
-        staging.unmap();
+        let items = content(&staging)?;
         self.free.push(staging);
         Ok(Some(items))
     }
+}
+
+/// What a mapped buffer holds; unmaps it.
+fn content<T: bytemuck::Pod>(staging: &wgpu::Buffer) -> Result<Vec<T>> {
+    let items = {
+        let view = staging
+            .slice(..)
+            .get_mapped_range()
+            .map_err(|e| Error::Gpu(e.to_string()))?;
+        view.chunks_exact(size_of::<T>())
+            .map(bytemuck::pod_read_unaligned)
+            .collect()
+    };
+    staging.unmap();
+    Ok(items)
 }

@@ -119,6 +119,11 @@ impl Clock {
         self.completed
     }
 
+    /// Steps that will have been done when all recorded are.
+    pub fn recorded(&self) -> u64 {
+        self.past.0 + self.runs.iter().map(|run| run.0).sum::<u64>()
+    }
+
     pub fn time(&self) -> f64 {
         let (mut steps, mut time) = self.past;
         for (n, dt) in &self.runs {

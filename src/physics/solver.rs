@@ -17,8 +17,9 @@ pub trait Solver: Send {
 
     /// Records `steps` steps of `dt` seconds, after waiting for those that [`Solver::advance`] was
     /// asked for. To be submitted before anything of `body` is
-    /// changed; long runs are better split (see [`Solver::run`]). An implicit step that needs more
-    /// than 256 iterations goes on with those of the next step recorded.
+    /// changed; long runs are better split (see [`Solver::run`]). An implicit step is given as
+    /// many iterations as the latest one known of needed, and some; one that needs more goes on
+    /// with those of the next step recorded, which are then twice as many.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for a step that is not positive or another body than

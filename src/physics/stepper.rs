@@ -11,8 +11,9 @@ use std::collections::VecDeque;
 /// Spring visits in one submit: well below a second on the weakest GPU.
 const VISITS: f64 = 5e8;
 
-/// Iterations of a linear solve recorded a step by [`Solver::record`].
-const RECORDED_ITERATIONS: u32 = 256;
+/// Iterations of a linear solve that a step is given by [`Solver::record`] as long as nobody knows
+/// how many it needs.
+const UNKNOWN_ITERATIONS: u32 = 256;
 
 /// Dispatches in one submit.
 const DISPATCHES: u32 = 8192;
@@ -65,7 +66,7 @@ pub struct Stepper<S> {
     pub(super) scheme: S,
     pub(super) prepared: Option<Prepared>,
     pub(super) clock: Clock,
-    /// Iterations that [`Solver::run`] records a step.
+    /// Iterations recorded a step.
     pub(super) iterations: u32,
     /// Whether steps were recorded since the status was last read.
     pub(super) unseen: bool,
@@ -77,6 +78,11 @@ pub struct Stepper<S> {
     expected: u64,
     /// As of the last status that arrived.
     last: Option<Progress>,
+    /// Whether `iterations` comes from a step that was done.
+    adapted: bool,
+    /// Steps recorded for the caller that the latest status did not have: unfinished, or never
+    /// submitted.
+    lag: u32,
 }
 
 fn no_status() -> Error {
@@ -110,6 +116,8 @@ impl<S: Scheme> Stepper<S> {
             ring: Ring::new(gpu, size_of::<Status>() as u64),
             expected: 0,
             last: None,
+            adapted: false,
+            lag: 0,
         })
     }
 
@@ -318,7 +326,26 @@ impl<S: Scheme> Stepper<S> {
                 2 * self.iterations
             };
             self.iterations = wanted.clamp(1, most);
+            self.adapted = true;
         }
+    }
+
+    /// Iterations that a step recorded for the caller is given: as many as the latest one known of
+    /// needed, and some.
+    fn recorded_iterations(&mut self) -> Result<u32> {
+        if let Some((expected, noted)) = self.ring.latest::<Status>()? {
+            let status = noted.first().ok_or_else(no_status)?;
+            let lag = (expected as u32).wrapping_sub(status.steps);
+            if status.failed == 0 {
+                self.adapt(status.iterations, lag <= self.lag);
+            }
+            self.lag = lag;
+        }
+        let most = self.scheme.max_iterations();
+        Ok(match self.adapted {
+            true => self.iterations,
+            false => most.min(UNKNOWN_ITERATIONS),
+        })
     }
 }
 
@@ -331,8 +358,13 @@ impl<S: Scheme> Solver for Stepper<S> {
         if !self.errands.is_empty() {
             self.finish(body)?;
         }
-        let iterations = self.scheme.max_iterations().min(RECORDED_ITERATIONS);
-        self.record_steps(work, body, steps, dt, iterations)
+        let iterations = self.recorded_iterations()?;
+        self.record_steps(work, body, steps, dt, iterations)?;
+        if iterations > 0 {
+            let expected = self.clock.recorded();
+            self.ring.record(work, &self.core.status, expected)?;
+        }
+        Ok(())
     }
 
     fn advance(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<()> {

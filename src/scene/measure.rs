@@ -29,6 +29,8 @@ pub struct StageReport {
     pub frames: u32,
     /// Wall time of a step: median, ms; none where nothing moves.
     pub step_ms: Option<f64>,
+    /// Dispatches of one step on the GPU, by shader; empty where the CPU steps.
+    pub step_dispatches: BTreeMap<String, u64>,
     /// GPU time of each pass in one frame (and step), ms; empty where the adapter has no clock.
     pub passes: BTreeMap<String, f64>,
     /// Rays that meet the mesh.
@@ -114,6 +116,7 @@ impl Stage {
         let readbacks = self.gpu.readbacks() - before;
         let passes = self.time_passes()?;
         let step_ms = self.time_steps(frames)?;
+        let step_dispatches = self.count_step()?;
         if let Some(motion) = self.motion_mut() {
             motion.let_sleep(sleeps);
         }
@@ -126,6 +129,7 @@ impl Stage {
             frame_ms,
             frames,
             step_ms,
+            step_dispatches,
             passes,
             rays: picture.rays,
             lost_rays: picture.lost_rays,
@@ -178,6 +182,18 @@ impl Stage {
         self.gpu.time_passes(false);
         done?;
         self.gpu.timings()
+    }
+
+    /// What one step dispatches.
+    fn count_step(&mut self) -> Result<BTreeMap<String, u64>> {
+        let before = self.gpu.passes_recorded();
+        self.run(1, &mut |_| {})?;
+        let after = self.gpu.passes_recorded().into_iter();
+        let more = after.map(|(name, n)| {
+            let before = before.get(&name).copied().unwrap_or(0);
+            (name, n - before)
+        });
+        Ok(more.filter(|(_, n)| *n > 0).collect())
     }
 
     fn time_steps(&mut self, steps: u32) -> Result<Option<f64>> {

@@ -125,3 +125,49 @@ fn recording_and_running_agree() {
         assert!(apart < 1e-7, "{kind}: {apart}");
     }
 }
+
+/// Steps recorded for a caller, as a window does: as many iterations as they need, learnt from the
+/// steps before without waiting for any.
+#[test]
+fn recorded_steps_are_given_the_iterations_they_need() {
+    let gpu = Gpu::new().unwrap();
+    let mut stepped = disturbed(&gpu, Damping::Axial);
+    let mut implicit = solver(&gpu, &stepped.body, SolverKind::Implicit);
+    let mut counts = Vec::new();
+    let name = "physics/implicit_euler_update";
+    let recorded = || gpu.passes_recorded().get(name).copied().unwrap_or(0);
+    for _ in 0..6 {
+        let (before, read) = (recorded(), gpu.readbacks());
+        implicit.step(&mut stepped.body, 0.01).unwrap();
+        assert_eq!(gpu.readbacks(), read);
+        counts.push(recorded() - before);
+        gpu.wait().unwrap();
+    }
+    let steps = implicit.history(&stepped.body).unwrap();
+    assert_eq!(steps.len(), 6);
+    let most = steps.iter().map(|s| u64::from(s.iterations)).max().unwrap();
+    // Nothing is known of the first.
+    assert_eq!(counts[0], 256);
+    assert!(
+        counts[2..].iter().all(|n| *n <= 2 * most + 8),
+        "{counts:?} for {most}"
+    );
+    assert!(*counts.last().unwrap() >= most && most > 4, "{counts:?}");
+    // A step that was recorded and thrown away leaves no trace.
+    let mut work = gpu.record();
+    implicit
+        .record(&mut work, &mut stepped.body, 1, 0.01)
+        .unwrap();
+    drop(work);
+    let before = recorded();
+    for _ in 0..3 {
+        implicit.step(&mut stepped.body, 0.01).unwrap();
+        gpu.wait().unwrap();
+    }
+    assert!(
+        recorded() - before < 3 * 4 * most,
+        "{}",
+        recorded() - before
+    );
+    assert_eq!(implicit.history(&stepped.body).unwrap().len(), 9);
+}
