@@ -87,6 +87,7 @@ fn named(body: &str, bone: f64, unit: f64) -> palpate::Result<(TetMesh, Material
         let stiff = RegionMaterial {
             stiffness: bone * 3e4,
             density: 1800.0,
+            poisson: 0.4,
         };
         let material = Material {
             region_field: Some("label".into()),

@@ -1,7 +1,7 @@
 //! The flags every picture needs, laid over a scene's values.
 
 use clap::Args;
-use palpate::physics::EngineChoice;
+use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::scene::{Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -67,12 +67,18 @@ pub struct SceneFlags {
     /// Steps before the picture, or between frames [default: 50 for a picture]
     #[arg(long, help_heading = "Physics")]
     pub steps: Option<u32>,
+    /// What tets resist with: springs, neo-hookean or corotated [default: springs]
+    #[arg(long, value_name = "MODEL", help_heading = "Physics")]
+    pub material: Option<MaterialModel>,
     /// One stiffness κ for every spring, in N/m
     #[arg(long, help_heading = "Physics", conflicts_with = "young")]
     pub stiffness: Option<f64>,
-    /// Young's modulus in Pa, at a Poisson ratio of 1/4
+    /// Young's modulus in Pa
     #[arg(long, help_heading = "Physics")]
     pub young: Option<f64>,
+    /// Poisson's ratio of neo-hookean and corotated [default: 0.4]; springs have 1/4
+    #[arg(long, help_heading = "Physics")]
+    pub poisson: Option<f64>,
     /// Density in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -139,7 +145,9 @@ impl SceneFlags {
                 material.stiffness = None;
             }
             over(given.stiffness, &mut material.stiffness);
+            over(given.material, &mut material.model);
             over(given.young, &mut material.young);
+            over(given.poisson, &mut material.poisson);
             over(given.density, &mut material.density);
             over(given.damping, &mut material.damping);
         }

@@ -2,6 +2,57 @@
 
 use crate::{Error, Result};
 use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+/// What a body of tets resists deformation with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum MaterialModel {
+    /// Springs along the edges, as in the papers: ν = ¼, and no sense of volume.
+    #[default]
+    Springs,
+    /// Linear tets of stable Neo-Hookean material (Smith, de Goes & Kim 2018), for large strains.
+    NeoHookean,
+    /// Linear tets of corotated material (Stomakhin et al. 2012), linear but for rotations.
+    Corotated,
+}
+
+impl MaterialModel {
+    /// All of them.
+    pub const ALL: [MaterialModel; 3] = [
+        MaterialModel::Springs,
+        MaterialModel::NeoHookean,
+        MaterialModel::Corotated,
+    ];
+
+    /// The name, as on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            MaterialModel::Springs => "springs",
+            MaterialModel::NeoHookean => "neo-hookean",
+            MaterialModel::Corotated => "corotated",
+        }
+    }
+}
+
+impl fmt::Display for MaterialModel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for MaterialModel {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<MaterialModel> {
+        let known = MaterialModel::ALL.into_iter().find(|m| m.name() == name);
+        known.ok_or_else(|| {
+            Error::Input(format!(
+                "there is no material model \"{name}\"; there are springs, neo-hookean and corotated"
+            ))
+        })
+    }
+}
 
 /// Where the stiffness of the springs comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,13 +82,19 @@ pub struct RegionMaterial {
     pub stiffness: f64,
     /// Mass per volume, kg/m³.
     pub density: f64,
+    /// Poisson's ratio, of elements.
+    pub poisson: f64,
 }
 
 /// What a body is made of, and in which unit its mesh is given.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Stiffness of the springs.
+    /// What resists deformation.
+    pub model: MaterialModel,
+    /// Stiffness of the springs, or Young's modulus of the elements.
     pub stiffness: Stiffness,
+    /// Poisson's ratio ν of elements; springs have ¼.
+    pub poisson: f64,
     /// Mass per volume, kg/m³.
     pub density: f64,
     /// Damping constant κ_d of every spring, N·s/m.
@@ -57,11 +114,29 @@ pub struct Material {
     pub length_unit: f64,
 }
 
+/// Poisson's ratio where nothing is said: soft tissue hardly changes its volume, and linear tets
+/// lock where they must not at all.
+pub(crate) const POISSON: f64 = 0.4;
+
+/// Poisson's ratio of linear tets is at most this.
+const MOST_POISSON: f64 = 0.499;
+
+fn check_poisson(ratio: f64, place: &str) -> Result<()> {
+    match (0.0..=MOST_POISSON).contains(&ratio) {
+        true => Ok(()),
+        false => Err(Error::Input(format!(
+            "material: a Poisson's ratio of {ratio}{place} makes no sense here; give a number from 0 to {MOST_POISSON}"
+        ))),
+    }
+}
+
 impl Material {
     /// A material of Young's modulus `young` (Pa) with the density of water, undamped.
     pub fn young(young: f64) -> Material {
         Material {
+            model: MaterialModel::default(),
             stiffness: Stiffness::Young(young),
+            poisson: POISSON,
             density: 1000.0,
             damping: 0.0,
             damping_time: 0.0,
@@ -136,6 +211,14 @@ impl Material {
             ("damping time", self.damping_time, self.damping_time >= 0.0),
             ("length unit", self.length_unit, self.length_unit > 0.0),
         ];
+        let uniform = matches!(self.stiffness, Stiffness::Uniform(_));
+        if uniform && self.model != MaterialModel::Springs {
+            return Err(Error::Input(format!(
+                "material: {} needs Young's modulus, and not a stiffness of springs",
+                self.model
+            )));
+        }
+        check_poisson(self.poisson, "")?;
         for (name, value, fits) in numbers {
             if !value.is_finite() || !fits {
                 return Err(Error::Input(format!(
@@ -144,6 +227,7 @@ impl Material {
             }
         }
         for (label, region) in &self.regions {
+            check_poisson(region.poisson, &format!(" in region {label}"))?;
             let numbers = [
                 ("stiffness", region.stiffness, region.stiffness >= 0.0),
                 ("density", region.density, region.density > 0.0),

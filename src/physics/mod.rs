@@ -58,7 +58,7 @@ pub use hold::HeldEnd;
 pub use implicit_euler::ConjugateGradients;
 pub use kind::SolverKind;
 pub use loads::Loads;
-pub use material::{Damping, Material, RegionMaterial, Stiffness};
+pub use material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 pub use network::{Spring, SpringNetwork};
 pub use nodes::Nodes;
 pub use report::{Energy, Report};

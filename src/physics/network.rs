@@ -254,6 +254,7 @@ fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> Regi
     let rest = RegionMaterial {
         stiffness,
         density: material.density,
+        poisson: material.poisson,
     };
     let labels = match &material.region_field {
         Some(name) => Some(scalar_field(mesh, name, Location::Cell)?),

@@ -3,7 +3,7 @@
 use super::region::LabelOrName;
 use super::words::{DAMPING_KINDS, damping_kind, unknown};
 use crate::mesh::{Location, TetMesh};
-use crate::physics::{Damping, Material, RegionMaterial, Stiffness, Tissue};
+use crate::physics::{Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue};
 use crate::{Error, Result};
 use serde::de::{DeserializeSeed, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
@@ -26,8 +26,12 @@ use std::fmt;
 /// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.
 #[derive(Clone, Debug, Default)]
 pub struct MaterialEntry {
-    /// Young's modulus in Pa, at ν = ¼.
+    /// `springs`, `neo-hookean` or `corotated`.
+    pub model: Option<MaterialModel>,
+    /// Young's modulus in Pa; springs have ν = ¼.
     pub young: Option<f64>,
+    /// Poisson's ratio, of elements.
+    pub poisson: Option<f64>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
     /// A node field of factors on the stiffness.
@@ -52,7 +56,7 @@ type Tissues = BTreeMap<String, TissueEntry>;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(
     untagged,
-    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young` and `density`"
+    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young`, `poisson` and `density`"
 )]
 pub enum TissueEntry {
     /// Regions by label or name.
@@ -69,6 +73,8 @@ pub struct TissueTable {
     pub regions: Option<Vec<LabelOrName>>,
     /// Young's modulus in Pa.
     pub young: Option<f64>,
+    /// Poisson's ratio, of elements.
+    pub poisson: Option<f64>,
     /// Density in kg/m³.
     pub density: Option<f64>,
 }
@@ -92,6 +98,8 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                 let mut entry = MaterialEntry::default();
                 while let Some(key) = map.next_key::<String>()? {
                     match key.as_str() {
+                        "model" => entry.model = Some(map.next_value_seed(Model)?),
+                        "poisson" => entry.poisson = Some(map.next_value()?),
                         "young" => entry.young = Some(map.next_value()?),
                         "stiffness" => entry.stiffness = Some(map.next_value()?),
                         "stiffness_field" => entry.stiffness_field = Some(map.next_value()?),
@@ -106,6 +114,18 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                     }
                 }
                 Ok(entry)
+            }
+        }
+
+        struct Model;
+        impl<'de> DeserializeSeed<'de> for Model {
+            type Value = MaterialModel;
+
+            fn deserialize<D: Deserializer<'de>>(
+                self,
+                from: D,
+            ) -> std::result::Result<MaterialModel, D::Error> {
+                String::deserialize(from)?.parse().map_err(D::Error::custom)
             }
         }
 
@@ -160,6 +180,12 @@ impl MaterialEntry {
             },
             (None, None) => Material::soft_tissue(),
         };
+        if let Some(model) = self.model {
+            material.model = model;
+        }
+        if let Some(poisson) = self.poisson {
+            material.poisson = poisson;
+        }
         material.node_field = self.stiffness_field.clone();
         if let Some(density) = self.density {
             material.density = density;
@@ -220,9 +246,13 @@ impl MaterialEntry {
             .map(|(label, name)| {
                 let region = material.regions[label];
                 format!(
-                    "{} is {name}: {:.3e} Pa, {} kg/m³",
+                    "{} is {name}: {:.3e} Pa,{} {} kg/m³",
                     described(mesh, *label),
                     region.stiffness,
+                    match material.model {
+                        MaterialModel::Springs => String::new(),
+                        _ => format!(" ν = {},", region.poisson),
+                    },
                     region.density
                 )
             })
@@ -274,11 +304,16 @@ impl TissueEntry {
             },
             TissueEntry::Table(table) => table.clone(),
         };
-        let (young, density) = match (Tissue::by_name(name), table.young) {
-            (Ok(tissue), young) => (young.unwrap_or(tissue.young), tissue.density),
+        let default = Material::soft_tissue();
+        let (young, poisson, density) = match (Tissue::by_name(name), table.young) {
+            (Ok(tissue), young) => (
+                young.unwrap_or(tissue.young),
+                tissue.poisson,
+                tissue.density,
+            ),
             (Err(_), Some(young)) => {
-                let density = entry.density.unwrap_or(Material::soft_tissue().density);
-                (young, density)
+                let density = entry.density.unwrap_or(default.density);
+                (young, entry.poisson.unwrap_or(default.poisson), density)
             }
             (Err(unknown), None) => {
                 return Err(Error::Input(format!(
@@ -298,6 +333,7 @@ impl TissueEntry {
             RegionMaterial {
                 stiffness: young,
                 density: table.density.unwrap_or(density),
+                poisson: table.poisson.unwrap_or(poisson),
             },
         ))
     }

@@ -49,6 +49,7 @@ impl GridModel {
         let rest = RegionMaterial {
             stiffness: common,
             density: material.density,
+            poisson: material.poisson,
         };
         let of = |region: u16| {
             let known = material.regions.get(&shape.label(region));

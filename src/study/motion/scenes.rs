@@ -94,6 +94,7 @@ fn pressed(gpu: &Gpu) -> Result<Trial> {
     let bone = RegionMaterial {
         stiffness: 5e5,
         density: 1800.0,
+        poisson: 0.4,
     };
     let hard = generate::TISSUES
         .iter()

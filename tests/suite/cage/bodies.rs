@@ -144,6 +144,7 @@ fn mass_and_the_stiffness_of_regions_are_carried_over() {
     let region = RegionMaterial {
         stiffness: 2e7,
         density: 2000.0,
+        poisson: 0.4,
     };
     let material = Material {
         region_field: Some("label".into()),

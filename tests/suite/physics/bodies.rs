@@ -175,6 +175,7 @@ fn regions_and_node_fields_scale_the_stiffness() {
                 RegionMaterial {
                     stiffness: 10.0 * value,
                     density: 500.0,
+                    poisson: 0.4,
                 },
             )]
             .into(),

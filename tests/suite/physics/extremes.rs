@@ -142,6 +142,7 @@ fn two_halves(stiffness: [f64; 2], density: [f64; 2]) -> (TetMesh, Material) {
     let other = RegionMaterial {
         stiffness: stiffness[1],
         density: density[1],
+        poisson: 0.4,
     };
     let material = Material {
         density: density[0],

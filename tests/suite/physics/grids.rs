@@ -226,6 +226,7 @@ fn steps_are_the_twins() {
         RegionMaterial {
             stiffness: 3e4,
             density: 1500.0,
+            poisson: 0.4,
         },
     );
     let mut noise = Noise(7);
