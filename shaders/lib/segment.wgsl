@@ -1,6 +1,8 @@
 // What a walk gathers along its ray: composited colour, length, or counts. Needs `table`,
 // `smooth_sampler` and `params: View` of the shader that imports it.
 
+#import lib/shade
+
 // What is gathered.
 override MODE: u32 = 0u;
 const COMPOSITE: u32 = 0u;
@@ -57,25 +59,43 @@ fn segment(s0: f32, s1: f32, depth: f32) -> vec4<f32> {
     return sum;
 }
 
-// Adds a segment to what the ray has gathered; `length` is in the unit of the mode: depth as
-// above, or length in file units.
-fn gather(sum: vec4<f32>, s0: f32, s1: f32, length: f32) -> vec4<f32> {
+// A stretch of a ray inside one tet, as either walk hands it on.
+struct Segment {
+    // Table coordinates at its front and its back.
+    s: vec2<f32>,
+    // In the unit of the mode: depth as above, or length in file units.
+    length: f32,
+    // In light: the factor on its colour, and what is added to it.
+    shade: vec2<f32>,
+}
+
+// Its colour and opacity, in light.
+fn seen_in_light(part: Segment) -> vec4<f32> {
+    let seen = segment(part.s.x, part.s.y, part.length);
+    if LIT {
+        return vec4(min(part.shade.x * seen.rgb + part.shade.y * seen.a, vec3(seen.a)), seen.a);
+    }
+    return seen;
+}
+
+// Adds a segment to what the ray has gathered.
+fn gather(sum: vec4<f32>, part: Segment) -> vec4<f32> {
     if MODE == COMPOSITE {
-        return sum + (1.0 - sum.a) * segment(s0, s1, length);
+        return sum + (1.0 - sum.a) * seen_in_light(part);
     }
     if MODE == THICKNESS {
-        return vec4(sum.r + length, 0.0, 0.0, 0.0);
+        return vec4(sum.r + part.length, 0.0, 0.0, 0.0);
     }
     return vec4(sum.r + 1.0, sum.gba);
 }
 
 // The same behind what comes: the segment lies in front of everything gathered.
-fn gather_in_front(sum: vec4<f32>, s0: f32, s1: f32, length: f32) -> vec4<f32> {
+fn gather_in_front(sum: vec4<f32>, part: Segment) -> vec4<f32> {
     if MODE == COMPOSITE {
-        let front = segment(s0, s1, length);
+        let front = seen_in_light(part);
         return front + (1.0 - front.a) * sum;
     }
-    return gather(sum, s0, s1, length);
+    return gather(sum, part);
 }
 
 // Counts a way through the mesh that begins: at a front face, or at an eye inside.

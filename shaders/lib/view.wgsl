@@ -36,6 +36,8 @@ struct View {
     reach: f32,
     // Size of a pixel in clip space (of w 1).
     pixel: vec2<f32>,
+    // Unit direction towards the light, in the local frame; with w 1 it is that towards the eye.
+    light: vec4<f32>,
 }
 
 fn to_camera(view: View, p: vec3<f32>) -> vec3<f32> {

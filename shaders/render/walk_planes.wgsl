@@ -19,14 +19,18 @@ override CELLS: bool = false;
 @group(0) @binding(0) var records: texture_2d<u32>;
 // One scalar a tet, if CELLS.
 @group(0) @binding(1) var cells: texture_2d<f32>;
-@group(0) @binding(2) var starts: texture_2d<u32>;
-@group(0) @binding(3) var fronts: texture_2d<u32>;
-@group(0) @binding(4) var gathered: texture_2d<f32>;
-@group(0) @binding(5) var occluder: texture_depth_2d;
-@group(0) @binding(6) var table: texture_2d_array<f32>;
-@group(0) @binding(7) var smooth_sampler: sampler;
-@group(0) @binding(8) var<storage, read_write> lost: array<atomic<u32>, 1>;
-@group(0) @binding(9) var<uniform> params: View;
+// If LIT: the four nodes of each tet, their positions, and the gradient at each.
+@group(0) @binding(2) var tets: texture_2d<u32>;
+@group(0) @binding(3) var positions: texture_2d<f32>;
+@group(0) @binding(4) var gradients: texture_2d<f32>;
+@group(0) @binding(5) var starts: texture_2d<u32>;
+@group(0) @binding(6) var fronts: texture_2d<u32>;
+@group(0) @binding(7) var gathered: texture_2d<f32>;
+@group(0) @binding(8) var occluder: texture_depth_2d;
+@group(0) @binding(9) var table: texture_2d_array<f32>;
+@group(0) @binding(10) var smooth_sampler: sampler;
+@group(0) @binding(11) var<storage, read_write> lost: array<atomic<u32>, 1>;
+@group(0) @binding(12) var<uniform> params: View;
 
 #import lib/fullscreen
 
@@ -73,6 +77,33 @@ fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
     let range = unpack2x16unorm(corner.w);
     let s = clamp(dot(gradient.xyz, x) + gradient.w, range.x, range.y);
     return params.scalar.x * s + params.scalar.y;
+}
+
+// The light on the ray between two depths in tet t: that of the gradient in the middle.
+fn shade_between(t: u32, ray: Ray, z0: f32, z1: f32) -> vec2<f32> {
+    if !LIT {
+        return vec2(1.0, 0.0);
+    }
+    let ids = textureLoad(tets, at(t), 0);
+    let x = ray.foot + 0.5 * (z0 + z1) * ray.run;
+    var p: array<vec3<f32>, 4>;
+    for (var k = 0u; k < 4u; k++) {
+        p[k] = textureLoad(positions, at(ids[k]), 0).xyz - x;
+    }
+    // Volumes of the parts that the point makes of the tet.
+    var w = vec4(
+        dot(p[1], cross(p[2], p[3])),
+        -dot(p[0], cross(p[2], p[3])),
+        dot(p[0], cross(p[1], p[3])),
+        -dot(p[0], cross(p[1], p[2])),
+    );
+    let whole = w.x + w.y + w.z + w.w;
+    w = clamp(w / select(whole, 1e-30, abs(whole) < 1e-30), vec4(0.0), vec4(1.0));
+    var gradient = vec3(0.0);
+    for (var k = 0u; k < 4u; k++) {
+        gradient += w[k] * textureLoad(gradients, at(ids[k]), 0).xyz;
+    }
+    return shade(params, gradient / max(w.x + w.y + w.z + w.w, 1e-30), normalize(ray.run));
 }
 
 fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
@@ -126,7 +157,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             if next_z < params.near {
                 next_z = min(z, params.near);
                 let near_s = scalar_at(t, ray, next_z);
-                sum = gather_in_front(sum, near_s, s, (z - next_z) * ray.scale);
+                sum = gather_in_front(sum, Segment(vec2(near_s, s), (z - next_z) * ray.scale, shade_between(t, ray, next_z, z)));
                 return Walked(begun(sum), true);
             }
         } else {
@@ -141,15 +172,16 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             next_z = max(next_z, z);
             if OCCLUDED && next_z > ray.end {
                 next_z = max(z, ray.end);
-                sum = gather(sum, s, scalar_at(t, ray, next_z), (next_z - z) * ray.scale);
+                sum = gather(sum, Segment(vec2(s, scalar_at(t, ray, next_z)), (next_z - z) * ray.scale, shade_between(t, ray, z, next_z)));
                 return Walked(sum, true);
             }
         }
         let next_s = scalar_at(t, ray, next_z);
+        let light = shade_between(t, ray, z, next_z);
         if BACKWARDS {
-            sum = gather_in_front(sum, next_s, s, (z - next_z) * ray.scale);
+            sum = gather_in_front(sum, Segment(vec2(next_s, s), (z - next_z) * ray.scale, light));
         } else {
-            sum = gather(sum, s, next_s, (next_z - z) * ray.scale);
+            sum = gather(sum, Segment(vec2(s, next_s), (next_z - z) * ray.scale, light));
         }
         here = record(t, 6u)[exit];
         s = next_s;

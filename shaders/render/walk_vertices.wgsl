@@ -27,17 +27,19 @@ override CELLS: bool = false;
 @group(0) @binding(2) var links: texture_2d<u32>;
 // One scalar a tet, if CELLS.
 @group(0) @binding(3) var cells: texture_2d<f32>;
+// The gradient at each node, if LIT.
+@group(0) @binding(4) var gradients: texture_2d<f32>;
 // Depth bits and 4 tet + face where the rays of this layer start.
-@group(0) @binding(4) var starts: texture_2d<u32>;
+@group(0) @binding(5) var starts: texture_2d<u32>;
 // The nearest front faces, which tell a backward walk whether the eye is inside.
-@group(0) @binding(5) var fronts: texture_2d<u32>;
+@group(0) @binding(6) var fronts: texture_2d<u32>;
 // What the layers before gathered.
-@group(0) @binding(6) var gathered: texture_2d<f32>;
-@group(0) @binding(7) var occluder: texture_depth_2d;
-@group(0) @binding(8) var table: texture_2d_array<f32>;
-@group(0) @binding(9) var smooth_sampler: sampler;
-@group(0) @binding(10) var<storage, read_write> lost: array<atomic<u32>, 1>;
-@group(0) @binding(11) var<uniform> params: View;
+@group(0) @binding(7) var gathered: texture_2d<f32>;
+@group(0) @binding(8) var occluder: texture_depth_2d;
+@group(0) @binding(9) var table: texture_2d_array<f32>;
+@group(0) @binding(10) var smooth_sampler: sampler;
+@group(0) @binding(11) var<storage, read_write> lost: array<atomic<u32>, 1>;
+@group(0) @binding(12) var<uniform> params: View;
 
 #import lib/fullscreen
 
@@ -63,6 +65,12 @@ struct Span {
     scale: f32,
     // z at which the ray ends.
     end: f32,
+    // The unit direction of the ray in the local frame.
+    way: vec3<f32>,
+}
+
+fn gradient_at(i: u32) -> vec3<f32> {
+    return textureLoad(gradients, at(i), 0).xyz;
 }
 
 // Walks from boundary face `code` = 4 tet + face, until the mesh or the ray ends.
@@ -86,6 +94,16 @@ fn walk(code: u32, sight: Sight, span: Span, before: vec4<f32>) -> Walked {
     let start_share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
     var z = clamp(dot(w, vec3(a.z, b.z, c.z)) * start_share, min(a.z, min(b.z, c.z)), max(a.z, max(b.z, c.z)));
     var s = clamp(dot(w, vec3(a.w, b.w, c.w)) * start_share, min(a.w, min(b.w, c.w)), max(a.w, max(b.w, c.w)));
+    var ga = vec3(0.0);
+    var gb = vec3(0.0);
+    var gc = vec3(0.0);
+    var g = vec3(0.0);
+    if LIT {
+        ga = gradient_at(ia);
+        gb = gradient_at(ib);
+        gc = gradient_at(ic);
+        g = (w.x * ga + w.y * gb + w.z * gc) * start_share;
+    }
     var last = t;
     var mark = NONE;
     var steps = 0u;
@@ -124,6 +142,14 @@ fn walk(code: u32, sight: Sight, span: Span, before: vec4<f32>) -> Walked {
             select(select(w.z, -db, drop_a), da, drop_b),
         );
         let share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
+        var next_g = vec3(0.0);
+        if LIT {
+            let gd = gradient_at(id);
+            ga = select(ga, gd, drop_a);
+            gb = select(gb, gd, drop_b);
+            gc = select(gc, gd, drop_c);
+            next_g = (w.x * ga + w.y * gb + w.z * gc) * share;
+        }
         var next_s = clamp(dot(w, vec3(a.w, b.w, c.w)) * share, min(a.w, min(b.w, c.w)), max(a.w, max(b.w, c.w)));
         if CELLS {
             s = params.scalar.x * textureLoad(cells, at(t), 0).x + params.scalar.y;
@@ -133,25 +159,29 @@ fn walk(code: u32, sight: Sight, span: Span, before: vec4<f32>) -> Walked {
         if BACKWARDS {
             next_z = clamp(next_z, min(z, min(a.z, min(b.z, c.z))), z);
             if next_z < params.near {
-                next_s = mix(s, next_s, clamp((z - params.near) / (z - next_z), 0.0, 1.0));
+                let share_seen = clamp((z - params.near) / (z - next_z), 0.0, 1.0);
+                next_s = mix(s, next_s, share_seen);
+                next_g = mix(g, next_g, share_seen);
                 next_z = min(z, params.near);
-                sum = gather_in_front(sum, next_s, s, (z - next_z) * span.scale);
-                return Walked(begun(sum), true);
+                let part = Segment(vec2(next_s, s), (z - next_z) * span.scale, shaded(g, next_g, span.way));
+                return Walked(begun(gather_in_front(sum, part)), true);
             }
-            sum = gather_in_front(sum, next_s, s, (z - next_z) * span.scale);
+            sum = gather_in_front(sum, Segment(vec2(next_s, s), (z - next_z) * span.scale, shaded(g, next_g, span.way)));
         } else {
             next_z = clamp(next_z, z, max(z, max(a.z, max(b.z, c.z))));
             if OCCLUDED && next_z > span.end {
                 let share_seen = clamp((span.end - z) / (next_z - z), 0.0, 1.0);
                 next_s = mix(s, next_s, share_seen);
+                next_g = mix(g, next_g, share_seen);
                 next_z = max(z, span.end);
-                sum = gather(sum, s, next_s, (next_z - z) * span.scale);
-                return Walked(sum, true);
+                let part = Segment(vec2(s, next_s), (next_z - z) * span.scale, shaded(g, next_g, span.way));
+                return Walked(gather(sum, part), true);
             }
-            sum = gather(sum, s, next_s, (next_z - z) * span.scale);
+            sum = gather(sum, Segment(vec2(s, next_s), (next_z - z) * span.scale, shaded(g, next_g, span.way)));
         }
         s = next_s;
         z = next_z;
+        g = next_g;
         t = link.x;
         all = link.y;
     }
@@ -198,6 +228,7 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let length = sqrt(1.0 + dot(sight.slope, sight.slope));
     span.scale = length * select(params.unit, params.opacity, MODE == COMPOSITE);
     span.end = 3e38;
+    span.way = way_of(sight.slope);
     if OCCLUDED {
         span.end = z_of_depth(params, textureLoad(occluder, pixel, 0));
         starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < span.end);

@@ -2,6 +2,7 @@
 
 use clap::Args;
 use palpate::physics::{EngineChoice, MaterialModel};
+use palpate::render::Light;
 use palpate::scene::{Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -27,6 +28,14 @@ pub struct SceneFlags {
     /// What is behind the volume in a PNG: black, white or transparent [default: black]
     #[arg(long, help_heading = "Picture")]
     pub background: Option<String>,
+    /// Light on the inside: head, none, or a direction x,y,z towards it [default: head]
+    #[arg(
+        long,
+        value_name = "LIGHT",
+        help_heading = "Picture",
+        allow_hyphen_values = true
+    )]
+    pub light: Option<Light>,
     /// Root mean square error the picture may have, in 1/255: the cheapest settings measured to
     /// keep to it are taken [default: 0.5]
     #[arg(long, value_name = "TOLERANCE", help_heading = "Picture")]
@@ -122,6 +131,7 @@ impl SceneFlags {
         over(given.mode, &mut scene.picture.mode);
         over(given.walk, &mut scene.picture.walk);
         over(given.background, &mut scene.picture.background);
+        over(given.light, &mut scene.light.from);
         over(given.quality, &mut scene.picture.quality);
         over(given.layers, &mut scene.picture.layers);
         over(given.bits, &mut scene.picture.bits);

@@ -15,7 +15,7 @@
 //! miss a tenth of a level more than half floats, and floats a thirtieth less. Fewer pixels cost
 //! error at every edge that no tolerance here would allow.
 
-use super::RaycastOptions;
+use super::{Light, RaycastOptions};
 use crate::{Error, Result};
 
 /// The tolerance of the default options: half a level of an 8-bit channel.
@@ -56,6 +56,7 @@ impl RaycastOptions {
             opaque: 1.0 - END_SHARE * tolerance,
             layers: 32,
             accuracy: TABLE_SHARE * tolerance,
+            light: Light::None,
         }
     }
 }

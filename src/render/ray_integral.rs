@@ -177,8 +177,8 @@ impl RayReference {
         })
     }
 
-    /// The scalar at point `p` of tet `t`, by barycentric coordinates clamped into the tet.
-    fn scalar_in(&self, t: u32, p: DVec3) -> f64 {
+    /// The weights of the corners of tet `t` at point `p`, clamped into the tet.
+    pub fn weights_in(&self, t: u32, p: DVec3) -> [f64; 4] {
         let v = self.corners[t as usize];
         let w: [f64; 4] = std::array::from_fn(|i| {
             let mut part = v;
@@ -186,8 +186,13 @@ impl RayReference {
             (crate::mesh::signed_volume(part) / crate::mesh::signed_volume(v)).clamp(0.0, 1.0)
         });
         let sum: f64 = w.iter().sum();
-        let s = self.scalars[t as usize];
-        (0..4).map(|i| w[i] * s[i]).sum::<f64>() / sum
+        w.map(|w| w / sum)
+    }
+
+    /// The scalar at point `p` of tet `t`.
+    fn scalar_in(&self, t: u32, p: DVec3) -> f64 {
+        let (w, s) = (self.weights_in(t, p), self.scalars[t as usize]);
+        (0..4).map(|i| w[i] * s[i]).sum()
     }
 
     /// Length of `ray` inside the mesh; where tets overlap, each counts.
@@ -207,6 +212,31 @@ impl RayReference {
             for k in 0..4 {
                 sum[k] += clear * part[k];
             }
+        }
+        sum
+    }
+
+    /// The same in light: `shade` tells of a tet, a point in it and the ray's direction the factor
+    /// on colours and what is added in proportion to opacity; asked in the middle of each segment,
+    /// as the walks do.
+    pub fn composite_lit(
+        &self,
+        ray: Ray,
+        transfer: &ResolvedTransfer,
+        shade: impl Fn(u32, DVec3, DVec3) -> [f64; 2],
+    ) -> [f64; 4] {
+        let mut sum = [0.0; 4];
+        let way = ray.direction.normalize_or_zero();
+        for segment in self.segments(ray) {
+            let [enter, leave] = segment.t;
+            let part = segment_integral(transfer, segment.s[0], segment.s[1], leave - enter);
+            let middle = ray.origin + ray.direction * (0.5 * (enter + leave));
+            let [factor, shine] = shade(segment.tet, middle, way);
+            let clear = 1.0 - sum[3];
+            for k in 0..3 {
+                sum[k] += clear * (factor * part[k] + shine * part[3]).min(part[3]);
+            }
+            sum[3] += clear * part[3];
         }
         sum
     }

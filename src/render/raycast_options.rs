@@ -1,5 +1,6 @@
 //! What a raycaster is asked for: how rays walk, what they gather, and where that is drawn.
 
+use super::light::Light;
 use super::table::{TABLE_SIZES, TableForm, TableTexel};
 use crate::gpu::Gpu;
 use crate::{Error, Result};
@@ -60,6 +61,9 @@ pub struct RaycastOptions {
     pub layers: u32,
     /// Error of a picture's values that the table's size is chosen for.
     pub accuracy: f64,
+    /// The light on the inside, in [`Mode::Composite`]. The geometry has to be made ready for it
+    /// ([`Geometry::illuminate`](super::Geometry::illuminate)).
+    pub light: Light,
 }
 
 impl RaycastOptions {
@@ -83,6 +87,7 @@ impl RaycastOptions {
                 self.accuracy
             ));
         }
+        self.light.check()?;
         self.table.check()?;
         self.texel.check(gpu)?;
         match self.table_size {

@@ -270,6 +270,14 @@ impl Raycaster {
         if self.options.walk == Walk::Planes {
             self.geometry.record_refresh(work);
         }
+        if self.options.light.is_on() && gathered == Gathered::Composite {
+            if self.geometry.gradients().is_none() {
+                return Err(Error::Input(
+                    "the geometry is not ready for light; call Geometry::illuminate first".into(),
+                ));
+            }
+            self.geometry.record_gradients(work);
+        }
         check_size(window.size)?;
         // The frame is out of `self` while draws are prepared from the rest of it.
         let generation = self.geometry.generation;
@@ -378,8 +386,18 @@ impl Raycaster {
                     .read(&geometry.links),
                 Walk::Planes => self.gpu.draw("render/walk_planes").read(&geometry.records),
             };
+            let lit = self.options.light.is_on() && gathered == Gathered::Composite;
+            let gradients = geometry.gradients().unwrap_or(&geometry.projected);
+            let builder = match self.options.walk {
+                Walk::Vertices => builder.read(&geometry.cells),
+                Walk::Planes => builder
+                    .read(&geometry.cells)
+                    .read(&geometry.tets)
+                    .read(&geometry.positions),
+            };
             builder
-                .read(&geometry.cells)
+                .read(gradients)
+                .constant("LIT", flag(lit))
                 .constant("CELLS", flag(geometry.per_cell))
                 .constant("MODE", mode)
                 .constant("TABLE", self.options.table.code())
@@ -418,6 +436,7 @@ impl Raycaster {
             cap: geometry.tet_count().saturating_add(CAP_SLACK),
             layers: self.table.layers,
             reach: self.table.reach,
+            light: self.options.light.to_gpu(),
             ..LocalView::new(camera, &geometry.frame, window).to_gpu()
         }
     }

@@ -47,6 +47,7 @@ pub(crate) mod gpu_data {
             pub layers: u32,
             pub reach: f32,
             pub pixel: [f32; 2],
+            pub light: [f32; 4],
         }
     }
 }

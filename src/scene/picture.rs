@@ -36,16 +36,28 @@ impl Scene {
         topology: &Topology,
         seen: &ScalarField,
         nodes: &Nodes,
+        notes: &mut Vec<String>,
     ) -> Result<(Raycaster, Surface)> {
         let (positions, frame) = (nodes.array(), nodes.frame());
-        let geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
+        let mut geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
         let transfer = self.transfer(seen)?;
         let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
             true => SurfaceColour::Field(transfer.clone()),
             false => SurfaceColour::Plain(SKIN_COLOUR),
         };
         let surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
-        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, self.options()?)?;
+        let mut options = self.options()?;
+        let composite = DisplayMode::Inside(Mode::Composite);
+        if self.display_mode()? != composite {
+            options.light = Light::None;
+        }
+        if options.light.is_on()
+            && let Err(why) = geometry.illuminate(mesh, topology, seen.scalars())
+        {
+            notes.push(format!("drawn without light: {why}"));
+            options.light = Light::None;
+        }
+        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
         Ok((raycaster, surface))
     }
 
@@ -84,6 +96,7 @@ impl Scene {
             options.accuracy = accuracy;
         }
         options.layers = self.picture.layers.unwrap_or(options.layers);
+        options.light = self.light.from.unwrap_or(Light::Head);
         Ok(options)
     }
 

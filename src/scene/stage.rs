@@ -173,7 +173,9 @@ impl Stage {
         let scalars = scene.scalar_field(mesh, topology)?;
         notes.extend(scalars.note.clone());
         notes.extend(said);
-        let (raycaster, surface) = scene.painters(gpu, mesh, topology, &scalars, drive.nodes())?;
+        let nodes = drive.nodes();
+        let painters = scene.painters(gpu, mesh, topology, &scalars, nodes, &mut notes)?;
+        let (raycaster, surface) = painters;
         let size = scene.picture.size.unwrap_or(SIZE);
         let reach = match &drive {
             Drive::Simulated(motion) => motion.reach.as_ref(),

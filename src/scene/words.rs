@@ -4,7 +4,7 @@
 use super::Unit;
 use crate::mesh::generate;
 use crate::physics::{EngineChoice, SolverKind};
-use crate::render::TransferFunction;
+use crate::render::{Light, TransferFunction};
 use crate::{Error, Result};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
@@ -68,6 +68,24 @@ pub(super) fn solver<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Err
 pub(super) fn engine<'de, D: Deserializer<'de>>(from: D) -> Entry<EngineChoice, D::Error> {
     let word = String::deserialize(from)?;
     word.parse().map(Some).map_err(D::Error::custom)
+}
+
+/// A light: a word, or the direction towards it.
+pub(super) fn light<'de, D: Deserializer<'de>>(from: D) -> Entry<Light, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(
+        untagged,
+        expecting = "light is \"head\", \"none\", or a direction [x, y, z] towards it"
+    )]
+    enum Said {
+        Word(String),
+        Direction([f64; 3]),
+    }
+    let light = match Said::deserialize(from)? {
+        Said::Word(word) => word.parse(),
+        Said::Direction([x, y, z]) => format!("{x},{y},{z}").parse(),
+    };
+    light.map(Some).map_err(D::Error::custom)
 }
 
 pub(super) fn generator<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {

@@ -50,6 +50,7 @@ impl Geometry {
             return Ok(());
         }
         let generation = self.generation + 1;
+        let lit = self.gradients.is_some();
         if cut.removed.is_empty() {
             self.open(mesh, topology, cut, positions, scalars)?;
         } else {
@@ -60,6 +61,9 @@ impl Geometry {
         }
         self.generation = generation;
         self.refreshed = None;
+        if lit {
+            self.make_gradients(mesh, topology, scalars)?;
+        }
         Ok(())
     }
 

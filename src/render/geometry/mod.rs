@@ -9,8 +9,10 @@ use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
 use crate::{Error, Result};
 
 mod follow;
+mod gradients;
 mod placed;
 
+use gradients::Gradients;
 use placed::Placed;
 
 mod gpu_data {
@@ -89,6 +91,8 @@ pub struct Geometry {
     pub(super) generation: u64,
     /// The version of the positions that the records were made for.
     refreshed: Option<u64>,
+    /// What light needs, where there is some.
+    gradients: Option<Gradients>,
 }
 
 impl Geometry {
@@ -192,6 +196,7 @@ impl Geometry {
             place,
             generation: 0,
             refreshed: None,
+            gradients: None,
         })
     }
 

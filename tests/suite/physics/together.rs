@@ -171,7 +171,7 @@ fn a_failure_says_whose_it_is() {
     // Far beyond what its scheme can bear.
     members[1].step = 1.0;
     let mut bodies = Bodies::new(&gpu, members).unwrap();
-    let told = bodies.run(400, 0.05).unwrap_err();
+    let told = bodies.run(10, 0.05).unwrap_err();
     assert!(matches!(told, Error::Solver { .. }), "{told}");
     let told = told.to_string();
     assert!(

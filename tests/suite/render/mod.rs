@@ -6,6 +6,7 @@ mod gaps;
 mod geometry;
 mod golden;
 mod inside;
+mod light;
 mod peeling;
 mod picks;
 mod pictures;

@@ -1,0 +1,63 @@
+// What light falls on inside: at every node the gradient of the scalar, weighted by the volumes of
+// the tets around it, and, where the body or a region ends, the direction into it. The twin of
+// `render::light::node_gradients`.
+
+#import lib/array
+
+struct Gradients {
+    nodes: u32,
+    // How long the direction at an end is.
+    edge: f32,
+}
+
+const NONE: u32 = 0xffffffffu;
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var scalars: texture_2d<f32>;
+// First entry of node i in `around`, at i; the last at i + 1.
+@group(0) @binding(2) var firsts: texture_2d<u32>;
+// Of each tet at a node its four nodes; of each face at which something ends its three, in the
+// order that makes its normal point inwards, and NONE.
+@group(0) @binding(3) var around: texture_2d<u32>;
+@group(0) @binding(4) var gradients: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(5) var<uniform> params: Gradients;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.nodes {
+        return;
+    }
+    var rise = vec3(0.0);
+    var volume = 0.0;
+    var area = vec3(0.0);
+    var areas = 0.0;
+    let last = textureLoad(firsts, at(i + 1u), 0).x;
+    for (var k = textureLoad(firsts, at(i), 0).x; k < last; k++) {
+        let v = textureLoad(around, at(k), 0);
+        let p = textureLoad(positions, at(v.x), 0).xyz;
+        let a = textureLoad(positions, at(v.y), 0).xyz - p;
+        let b = textureLoad(positions, at(v.z), 0).xyz - p;
+        if v.w == NONE {
+            let normal = cross(a, b);
+            area += normal;
+            areas += length(normal);
+            continue;
+        }
+        let c = textureLoad(positions, at(v.w), 0).xyz - p;
+        let s = textureLoad(scalars, at(v.x), 0).x;
+        rise += (textureLoad(scalars, at(v.y), 0).x - s) * cross(b, c)
+            + (textureLoad(scalars, at(v.z), 0).x - s) * cross(c, a)
+            + (textureLoad(scalars, at(v.w), 0).x - s) * cross(a, b);
+        volume += dot(a, cross(b, c));
+    }
+    var gradient = vec3(0.0);
+    // Where tets cancel, as around a body turned inside out, nothing is known.
+    if abs(volume) > 1e-20 {
+        gradient = rise / volume;
+    }
+    if areas > 0.0 {
+        gradient += params.edge / areas * area;
+    }
+    textureStore(gradients, at(i), vec4(gradient, 0.0));
+}

@@ -1,0 +1,121 @@
+//! Gradients at the nodes, for light: made by a pass whenever the nodes have moved, where light is
+//! on.
+
+use super::{Geometry, Scalars};
+use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
+use crate::mesh::{TetMesh, Topology};
+use crate::render::light::{EDGE, around_nodes};
+use crate::{Error, Result};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/render/node_gradients.wgsl`.
+        pub struct Gradients {
+            pub nodes: u32,
+            pub edge: f32,
+        }
+    }
+}
+
+/// What each node has around it, and the pass that makes gradients of that.
+pub(super) struct Gradients {
+    array: Array,
+    pass: Pass,
+    /// The version of the positions that they were made of.
+    made_of: Option<u64>,
+}
+
+impl Gradients {
+    fn new(
+        gpu: &Gpu,
+        mesh: &TetMesh,
+        topology: &Topology,
+        cells: Option<&[f64]>,
+        [positions, scalars]: [&Array; 2],
+    ) -> Result<Gradients> {
+        let (firsts, around) = around_nodes(mesh, topology, cells);
+        let firsts = gpu.array_of("first entries of nodes", Texel::U32, &firsts)?;
+        let around = gpu.array_of("what is around nodes", Texel::U32x4, &around)?;
+        let nodes = mesh.nodes.len();
+        let array = gpu.array("gradients at nodes", Texel::F32x4, nodes)?;
+        let pass = gpu
+            .pass("render/node_gradients")
+            .read(positions)
+            .read(scalars)
+            .read(&firsts)
+            .read(&around)
+            .write(&array)
+            .params(&gpu_data::Gradients {
+                nodes: nodes as u32,
+                edge: EDGE as f32,
+            })
+            .over(nodes as u32)?;
+        Ok(Gradients {
+            array,
+            pass,
+            made_of: None,
+        })
+    }
+}
+
+impl Geometry {
+    /// Makes ready for light: lists what is around every node, from which gradients are made
+    /// whenever the nodes have moved. `mesh`, `topology` and `scalars` are those that it was made
+    /// of. It takes some 64 bytes a tet, and cuts take longer to follow.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for other scalars than it has; [`Error::Gpu`] when the lists do not fit
+    /// the device.
+    pub fn illuminate<'a>(
+        &mut self,
+        mesh: &TetMesh,
+        topology: &Topology,
+        scalars: impl Into<Scalars<'a>>,
+    ) -> Result<()> {
+        let scalars = scalars.into();
+        let items = mesh.nodes.len() == self.projected.len() as usize
+            && mesh.tets.len() == self.tets.len() as usize;
+        if !items || matches!(scalars, Scalars::Cells(_)) != self.per_cell {
+            return Err(Error::Input(
+                "light needs the mesh and the scalars that the geometry was made of".into(),
+            ));
+        }
+        self.make_gradients(mesh, topology, scalars)?;
+        // What was prepared without them is prepared anew.
+        self.generation += 1;
+        Ok(())
+    }
+
+    /// The lists and gradients of the mesh as it is now.
+    pub(super) fn make_gradients(
+        &mut self,
+        mesh: &TetMesh,
+        topology: &Topology,
+        scalars: Scalars,
+    ) -> Result<()> {
+        let cells = match scalars {
+            Scalars::Cells(values) => Some(values),
+            Scalars::Nodes(_) => None,
+        };
+        let read = [&self.positions, &self.scalars];
+        self.gradients = Some(Gradients::new(&self.gpu, mesh, topology, cells, read)?);
+        Ok(())
+    }
+
+    /// The gradients at the nodes, xyz in the local frame, where it was made ready for light: as of
+    /// the last picture that was lit.
+    pub fn gradients(&self) -> Option<&Array> {
+        self.gradients.as_ref().map(|g| &g.array)
+    }
+
+    /// Records the gradients of the nodes where they are now, if they have moved since the last.
+    pub(in crate::render) fn record_gradients(&mut self, work: &mut Recorder) {
+        let version = Some(self.positions.version());
+        if let Some(gradients) = &mut self.gradients
+            && gradients.made_of != version
+        {
+            gradients.made_of = version;
+            gradients.pass.record(work);
+        }
+    }
+}

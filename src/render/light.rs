@@ -1,0 +1,247 @@
+//! Light on the inside: gradients at the nodes, and how bright they are, in float64; the twins of
+//! `shaders/render/node_gradients.wgsl` and `shaders/lib/shade.wgsl`.
+
+use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::str::FromStr;
+
+/// What is bright without light, what light adds to a face that looks at it, and how bright and
+/// how narrow its reflection is.
+const AMBIENT: f64 = 0.4;
+const DIFFUSE: f64 = 0.7;
+const SHINE: f64 = 0.22;
+const GLOSS: f64 = 32.0;
+/// A gradient of this length, in ranges of the scalar over the size of the body, is lit by half.
+const FAINT: f64 = 2.0;
+/// How long the direction into a body, or from one region into another, is taken to be.
+pub(super) const EDGE: f64 = 12.0;
+
+/// Where the light on the inside comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Light {
+    /// There is none: colours are those of the transfer function.
+    #[default]
+    None,
+    /// The eye.
+    Head,
+    /// This direction, in file coordinates: from the body towards the light.
+    From(DVec3),
+}
+
+impl Light {
+    /// Whether there is one.
+    pub fn is_on(self) -> bool {
+        self != Light::None
+    }
+
+    pub(super) fn check(self) -> Result<()> {
+        match self {
+            Light::From(way) if !(way.is_finite() && way.length() > 0.0) => Err(Error::Input(
+                format!("light from {way} makes no sense; give a direction towards it"),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// The unit direction towards it, and 1 where it is that towards the eye.
+    pub(super) fn to_gpu(self) -> [f32; 4] {
+        match self {
+            Light::None => [0.0; 4],
+            Light::Head => [0.0, 0.0, 0.0, 1.0],
+            Light::From(way) => way.normalize_or_zero().as_vec3().extend(0.0).to_array(),
+        }
+    }
+}
+
+impl FromStr for Light {
+    type Err = Error;
+
+    /// `none`, `head`, or a direction `x,y,z`.
+    fn from_str(text: &str) -> Result<Light> {
+        let numbers: Vec<f64> = text
+            .split(',')
+            .map_while(|t| t.trim().parse().ok())
+            .collect();
+        let light = match (text, numbers.as_slice()) {
+            ("none", _) => Light::None,
+            ("head", _) => Light::Head,
+            (_, [x, y, z]) if text.split(',').count() == 3 => Light::From(DVec3::new(*x, *y, *z)),
+            _ => {
+                return Err(Error::Input(format!(
+                    "light \"{text}\" is not known; use head, none, or a direction x,y,z towards it"
+                )));
+            }
+        };
+        light.check()?;
+        Ok(light)
+    }
+}
+
+/// What each node of a mesh lights by: the tets around it, four nodes each, and the faces at it
+/// at which the body or a region ends, three nodes each, turned so that their normals point
+/// inwards, and `NO_NEIGHBOUR`. With `cells` regions are where these are equal, and normals point
+/// to the larger; without, tets are listed, whose scalars are at the nodes.
+///
+/// Returns the first entry of each node, their number last, and the entries.
+pub(super) fn around_nodes(
+    mesh: &TetMesh,
+    topology: &Topology,
+    cells: Option<&[f64]>,
+) -> (Vec<u32>, Vec<[u32; 4]>) {
+    let mut items: Vec<[u32; 4]> = Vec::new();
+    for (t, (tet, across)) in mesh.tets.iter().zip(&topology.neighbours).enumerate() {
+        if cells.is_none() {
+            items.push(*tet);
+        }
+        for (face, code) in FACES.iter().zip(across) {
+            let [a, b, c] = face.map(|k| tet[k]);
+            if *code == NO_NEIGHBOUR {
+                items.push([a, c, b, NO_NEIGHBOUR]);
+            } else if let Some(cells) = cells
+                && cells[t] < cells[*code as usize / 4]
+            {
+                items.push([a, b, c, NO_NEIGHBOUR]);
+            }
+        }
+    }
+    let nodes_of = |item: &[u32; 4]| item.map(|v| v as usize);
+    let mut firsts = vec![0u32; mesh.nodes.len() + 1];
+    for item in &items {
+        for v in nodes_of(item).into_iter().filter(|v| *v < mesh.nodes.len()) {
+            firsts[v + 1] += 1;
+        }
+    }
+    for v in 0..mesh.nodes.len() {
+        firsts[v + 1] += firsts[v];
+    }
+    let mut next = firsts.clone();
+    let mut around = vec![[0u32; 4]; firsts[mesh.nodes.len()] as usize];
+    for item in &items {
+        for v in nodes_of(item).into_iter().filter(|v| *v < mesh.nodes.len()) {
+            around[next[v] as usize] = *item;
+            next[v] += 1;
+        }
+    }
+    (firsts, around)
+}
+
+/// The gradient that light sees at every node of `mesh`, its nodes standing at `positions` (in
+/// local units): of `shares`, scalars at the nodes as shares of their range, weighted by the
+/// volumes of the tets around; and the direction into the body, or from region to region.
+pub fn node_gradients(
+    mesh: &TetMesh,
+    topology: &Topology,
+    positions: &[DVec3],
+    shares: &[f64],
+    cells: Option<&[f64]>,
+) -> Vec<DVec3> {
+    let (firsts, around) = around_nodes(mesh, topology, cells);
+    let of_node = |v: usize| {
+        let (mut rise, mut volume) = (DVec3::ZERO, 0.0);
+        let (mut area, mut areas) = (DVec3::ZERO, 0.0);
+        for item in &around[firsts[v] as usize..firsts[v + 1] as usize] {
+            let p = positions[item[0] as usize];
+            let edge = |k: usize| positions[item[k] as usize] - p;
+            let (a, b) = (edge(1), edge(2));
+            if item[3] == NO_NEIGHBOUR {
+                area += a.cross(b);
+                areas += a.cross(b).length();
+                continue;
+            }
+            let c = edge(3);
+            let more = |k: usize| shares[item[k] as usize] - shares[item[0] as usize];
+            rise += more(1) * b.cross(c) + more(2) * c.cross(a) + more(3) * a.cross(b);
+            volume += a.dot(b.cross(c));
+        }
+        let mut gradient = DVec3::ZERO;
+        if volume.abs() > 1e-20 {
+            gradient = rise / volume;
+        }
+        if areas > 0.0 {
+            gradient += EDGE / areas * area;
+        }
+        gradient
+    };
+    (0..mesh.nodes.len()).map(of_node).collect()
+}
+
+/// How bright a gradient is to a ray that goes along `ray`, a unit vector: the factor on colours,
+/// and what is added to them in proportion to opacity (Blinn 1977, after Phong).
+pub fn shade(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
+    let towards = match light {
+        Light::None => return [1.0, 0.0],
+        Light::Head => -ray,
+        Light::From(way) => way.normalize_or_zero(),
+    };
+    let steep = gradient.length();
+    if steep < 1e-6 {
+        return [1.0, 0.0];
+    }
+    let n = gradient / steep;
+    let weight = steep / (steep + FAINT);
+    let facing = n.dot((towards - ray).normalize_or_zero()).abs();
+    let diffuse = AMBIENT + DIFFUSE * n.dot(towards).abs();
+    [
+        1.0 + weight * (diffuse - 1.0),
+        SHINE * weight * facing.powf(GLOSS),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::mesh::generate;
+
+    #[test]
+    fn a_linear_scalar_has_its_gradient_inside_and_ends_point_inwards() {
+        let mesh = generate::by_name("box", Some(2000)).unwrap();
+        let topology = Topology::new(&mesh);
+        let (low, high) = mesh.bounds();
+        let slope = DVec3::new(1.0, -2.0, 0.5);
+        let shares: Vec<f64> = mesh.nodes.iter().map(|p| p.dot(slope)).collect();
+        let found = node_gradients(&mesh, &topology, &mesh.nodes, &shares, None);
+        for (p, g) in mesh.nodes.iter().zip(&found) {
+            let depth = (*p - low).min(high - *p);
+            let inside = depth.min_element() > 1e-9;
+            let face = (0..3).filter(|k| depth[*k] < 1e-9).count() == 1;
+            if inside {
+                assert!(g.distance(slope) < 1e-9, "{g}");
+            } else if face {
+                let middle = 0.5 * (low + high);
+                let end = *g - slope;
+                assert!((end.length() / EDGE - 1.0).abs() < 1e-9, "{end}");
+                assert!(end.dot(middle - *p) > 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn light_is_read_or_refused() {
+        assert_eq!("head".parse::<Light>().unwrap(), Light::Head);
+        assert_eq!("none".parse::<Light>().unwrap(), Light::None);
+        let from: Light = "1, 0,-2".parse().unwrap();
+        assert_eq!(from, Light::From(DVec3::new(1.0, 0.0, -2.0)));
+        for wrong in ["", "sun", "1,2", "1,2,x", "0,0,0", "1,2,3,4"] {
+            let told = wrong.parse::<Light>().unwrap_err().to_string();
+            assert!(told.contains("light"), "{told}");
+        }
+    }
+
+    #[test]
+    fn what_faces_the_light_is_brighter_on_either_side() {
+        let ray = DVec3::NEG_Z;
+        let [faced, shine] = shade(Light::Head, DVec3::Z * 50.0, ray);
+        let [behind, _] = shade(Light::Head, DVec3::NEG_Z * 50.0, ray);
+        let [across, none] = shade(Light::Head, DVec3::X * 50.0, ray);
+        assert_eq!(faced, behind);
+        assert!(faced > 1.0 && across < 0.5 && shine > 0.1 && none < 1e-9);
+        assert_eq!(shade(Light::Head, DVec3::ZERO, ray), [1.0, 0.0]);
+        assert_eq!(shade(Light::None, DVec3::Z, ray), [1.0, 0.0]);
+        let [flat, _] = shade(Light::Head, DVec3::X * 0.01, ray);
+        assert!(flat > 0.99);
+        // Light from behind has no half way.
+        assert!(shade(Light::From(DVec3::NEG_Z), DVec3::Z, ray)[1] == 0.0);
+    }
+}

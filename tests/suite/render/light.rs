@@ -1,0 +1,230 @@
+//! Light on the inside, against its float64 form.
+
+use crate::render::common::*;
+use glam::DVec3;
+use palpate::gpu::Gpu;
+use palpate::mesh::{Blade, LocalFrame, Location, TetMesh, Topology, cut, generate};
+use palpate::render::*;
+
+/// A mesh somewhere, its scalars, and what light sees of it.
+struct Lit<'a> {
+    mesh: &'a TetMesh,
+    positions: Vec<DVec3>,
+    scalars: Scalars<'a>,
+    gradients: Vec<DVec3>,
+    caster: Raycaster,
+}
+
+fn values<'a>(scalars: Scalars<'a>) -> (&'a [f64], bool) {
+    match scalars {
+        Scalars::Nodes(values) => (values, false),
+        Scalars::Cells(values) => (values, true),
+    }
+}
+
+impl<'a> Lit<'a> {
+    fn new(
+        gpu: &Gpu,
+        mesh: &'a TetMesh,
+        positions: &[DVec3],
+        scalars: Scalars<'a>,
+        options: RaycastOptions,
+    ) -> Lit<'a> {
+        let frame = LocalFrame::of_mesh(mesh);
+        let array = local_positions(gpu, &frame, positions).unwrap();
+        let topology = Topology::new(mesh);
+        let mut geometry = Geometry::new(gpu, mesh, &topology, frame, &array, scalars).unwrap();
+        geometry.illuminate(mesh, &topology, scalars).unwrap();
+        let (low, high) = geometry.scalar_range();
+        let (given, cells) = values(scalars);
+        let shares: Vec<f64> = given.iter().map(|s| (s - low) / (high - low)).collect();
+        let local: Vec<DVec3> = positions
+            .iter()
+            .map(|p| (*p - frame.origin) / frame.scale)
+            .collect();
+        let of_cells = cells.then_some(given);
+        let gradients = node_gradients(mesh, &topology, &local, &shares, of_cells);
+        let transfer = TransferFunction::preset("viridis").unwrap();
+        Lit {
+            caster: Raycaster::with_options(gpu, geometry, &transfer, options).unwrap(),
+            mesh,
+            positions: positions.to_vec(),
+            scalars,
+            gradients,
+        }
+    }
+
+    /// Root mean square and worst of the differences between a picture and the truth, in 255ths.
+    fn compare(&mut self, camera: &Camera, light: Light) -> (f64, f64) {
+        let size = [96, 96];
+        let image = self.caster.image(camera, size, Mode::Composite).unwrap();
+        let (given, cells) = values(self.scalars);
+        let rays = match cells {
+            true => RayReference::of_cells(self.mesh, &self.positions, given),
+            false => RayReference::new(self.mesh, &self.positions, given),
+        };
+        let transfer = self.caster.transfer();
+        let truth = rays.picture(camera, size, |rays, ray| {
+            rays.composite_lit(ray, &transfer, |tet, p, way| {
+                let weights = rays.weights_in(tet, p);
+                let nodes = self.mesh.tets[tet as usize];
+                let parts = nodes.iter().zip(weights);
+                let gradient = parts.map(|(v, w)| w * self.gradients[*v as usize]).sum();
+                shade(light, gradient, way)
+            })
+        });
+        difference(&image, &truth)
+    }
+}
+
+fn bent(mesh: &TetMesh) -> Vec<DVec3> {
+    let (low, high) = mesh.bounds();
+    let size = (high - low).max_element();
+    let bend = |p: &DVec3| {
+        let u = (*p - low) / size;
+        *p + size * DVec3::new(0.3 * u.y * u.y, 0.1 * u.x * u.z, 0.2 * u.x * u.y)
+    };
+    mesh.nodes.iter().map(bend).collect()
+}
+
+#[test]
+fn lit_pictures_are_those_of_the_float64_form() {
+    let gpu = gpu();
+    let duct = generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), generate::Bore::Round).unwrap();
+    let limb = generate::by_name("limb", Some(6_000)).unwrap();
+    let smooth = waves(&duct);
+    let regions = limb.field("label", Location::Cell).unwrap().values.clone();
+    let from = Light::From(DVec3::new(0.3, 1.0, -0.5));
+    for (name, mesh, scalars) in [
+        ("duct", &duct, Scalars::Nodes(&smooth)),
+        ("limb", &limb, Scalars::Cells(&regions)),
+    ] {
+        let outside = Camera::framing(mesh);
+        let mut inside = Camera::framing(mesh);
+        inside.eye = mesh.nodes[mesh.tets[mesh.tets.len() / 2][0] as usize] + DVec3::splat(1e-4);
+        for (walk, light, camera, positions) in [
+            (Walk::Vertices, Light::Head, outside, mesh.nodes.clone()),
+            (Walk::Planes, Light::Head, outside, bent(mesh)),
+            (Walk::Vertices, from, outside, bent(mesh)),
+            (Walk::Vertices, Light::Head, inside, mesh.nodes.clone()),
+            (Walk::Planes, from, inside, mesh.nodes.clone()),
+        ] {
+            let options = RaycastOptions {
+                walk,
+                light,
+                ..RaycastOptions::default()
+            };
+            let mut lit = Lit::new(&gpu, mesh, &positions, scalars, options);
+            let (rms, worst) = lit.compare(&camera, light);
+            println!("{name} {walk:?} {light:?}: rms {rms:.3} worst {worst:.3}");
+            assert!(
+                rms < 0.5 && worst < 3.0,
+                "{name} {walk:?} {light:?}: {rms} {worst}"
+            );
+            // It can be told from the picture without light.
+            let (dark, _) = lit.compare(&camera, Light::None);
+            assert!(dark > 1.0, "{name} {walk:?}: {dark}");
+        }
+    }
+}
+
+#[test]
+fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
+    let gpu = gpu();
+    let mut mesh = slivers();
+    let mut topology = Topology::new(&mesh);
+    let mut scalars = waves(&mesh);
+    let frame = LocalFrame::of_mesh(&mesh);
+    let check = |geometry: &Geometry, mesh: &TetMesh, topology: &Topology, scalars: &[f64]| {
+        let array = geometry.gradients().unwrap();
+        let found: Vec<[f32; 4]> = gpu.read_array(array).unwrap();
+        let (low, high) = geometry.scalar_range();
+        let shares: Vec<f64> = scalars.iter().map(|s| (s - low) / (high - low)).collect();
+        let local: Vec<DVec3> = mesh
+            .nodes
+            .iter()
+            .map(|p| (*p - frame.origin) / frame.scale)
+            .collect();
+        let truth = node_gradients(mesh, topology, &local, &shares, None);
+        let apart = found.iter().zip(&truth).map(|(f, t)| {
+            let f = DVec3::new(f[0].into(), f[1].into(), f[2].into());
+            f.distance(*t) / t.length().max(1.0)
+        });
+        apart.fold(0.0, f64::max)
+    };
+    let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
+    let mut geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
+    let mut unlit = RaycastOptions::default();
+    unlit.light = Light::Head;
+    let transfer = TransferFunction::preset("viridis").unwrap();
+    geometry.illuminate(&mesh, &topology, &scalars).unwrap();
+    let mut caster = Raycaster::with_options(&gpu, geometry, &transfer, unlit).unwrap();
+    let camera = Camera::framing(&mesh);
+    caster.image(&camera, [16, 16], Mode::Composite).unwrap();
+    let error = check(caster.geometry(), &mesh, &topology, &scalars);
+    assert!(error < 1e-3, "{error}");
+    // It can fail.
+    let other: Vec<f64> = scalars.iter().map(|s| s * s).collect();
+    assert!(check(caster.geometry(), &mesh, &topology, &other) > 0.05);
+    let corners = [[-1.0, -1.0], [2.0, -1.0], [2.0, 2.0], [-1.0, 2.0]];
+    let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.47, y, z))).unwrap();
+    let at = mesh.nodes.clone();
+    let done = cut(&mut mesh, &mut topology, &at, &blade).unwrap();
+    assert!(!done.doubled.is_empty());
+    for [_, old] in &done.doubled {
+        scalars.push(scalars[*old as usize]);
+    }
+    let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
+    caster
+        .geometry_mut()
+        .follow(&mesh, &topology, &done, &positions, &scalars)
+        .unwrap();
+    caster.image(&camera, [16, 16], Mode::Composite).unwrap();
+    let error = check(caster.geometry(), &mesh, &topology, &scalars);
+    assert!(error < 1e-3, "{error}");
+}
+
+#[test]
+fn light_costs_nothing_where_there_is_none() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::benchmark_cube(6, false).unwrap();
+    let scalars = node_scalars(&mesh, "scalar");
+    let transfer = TransferFunction::preset("viridis").unwrap();
+    let camera = Camera::framing(&mesh);
+    let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
+    let lit = RaycastOptions {
+        light: Light::Head,
+        ..RaycastOptions::default()
+    };
+    let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
+    caster.image(&camera, [16, 16], Mode::Composite).unwrap();
+    assert!(caster.geometry().gradients().is_none());
+    caster.set_options(lit).unwrap();
+    let told = caster
+        .image(&camera, [16, 16], Mode::Composite)
+        .unwrap_err();
+    assert!(told.to_string().contains("illuminate"), "{told}");
+    // Lengths have no light.
+    caster.image(&camera, [16, 16], Mode::Thickness).unwrap();
+    let topology = Topology::new(&mesh);
+    caster
+        .geometry_mut()
+        .illuminate(&mesh, &topology, &scalars)
+        .unwrap();
+    for _ in 0..3 {
+        caster.image(&camera, [16, 16], Mode::Composite).unwrap();
+    }
+    let passes = gpu.passes_recorded();
+    // Nothing has moved.
+    assert_eq!(passes["render/node_gradients"], 1);
+    let wrong = RaycastOptions {
+        light: Light::From(DVec3::ZERO),
+        ..lit
+    };
+    assert!(caster.set_options(wrong).is_err());
+    let other = generate::benchmark_cube(5, false).unwrap();
+    let refused = caster
+        .geometry_mut()
+        .illuminate(&other, &Topology::new(&other), &scalars);
+    assert!(refused.is_err());
+}
