@@ -35,6 +35,7 @@ mod bodies;
 mod cage;
 mod checkpoint;
 mod cutter;
+mod drawing;
 mod entries;
 mod grid;
 mod load;

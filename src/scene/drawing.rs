@@ -1,0 +1,158 @@
+//! The pictures of a stage: drawn where the body is now, kept while nothing changes.
+
+use super::picture::DisplayMode;
+use super::stage::{Drive, Stage};
+use crate::gpu::Recorder;
+use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
+use crate::{Error, Result};
+use glam::DVec2;
+
+/// A picture and what it shows.
+pub(super) struct CachedFrame {
+    version: u64,
+    camera: Camera,
+    image: Image,
+}
+
+impl Stage {
+    /// Brings the nodes that are drawn to where the body is, at once.
+    pub(super) fn publish_now(&mut self) -> Result<()> {
+        let mut work = self.gpu.record();
+        self.publish(&mut work)?;
+        work.submit()
+    }
+
+    /// Brings the nodes that are drawn to where the body is.
+    pub(super) fn publish(&mut self, work: &mut Recorder) -> Result<()> {
+        if let Drive::Simulated(motion) = &mut self.drive {
+            motion.simulator.publish(work)?;
+        }
+        let (geometry, mesh) = (self.raycaster.geometry(), self.drive.mesh());
+        let drawn = [geometry.positions().len(), geometry.tet_count()].map(|n| n as usize);
+        if drawn != [mesh.nodes.len(), mesh.tets.len()] {
+            return Err(Error::Input(
+                "the body was cut without the stage, which cannot draw it any more; cut it with Stage::cut".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// What is seen of the body's boundary at the point `pixel` of the picture, where the body is
+    /// now; none where the ray through it misses. Reads 36 bytes back.
+    ///
+    /// # Errors
+    /// As [`Geometry::pick`](crate::render::Geometry::pick).
+    pub fn pick(&mut self, pixel: DVec2) -> Result<Option<Pick>> {
+        self.publish_now()?;
+        self.raycaster
+            .geometry()
+            .pick(&self.camera, pixel, self.size)
+    }
+
+    /// The picture, as the scene describes it: the last one, where neither body nor camera has
+    /// moved since.
+    ///
+    /// # Errors
+    /// As [`Raycaster::image`].
+    pub fn image(&mut self) -> Result<Image> {
+        self.publish_now()?;
+        let version = self.drive.nodes().version();
+        if let Some(cached) = &self.cached
+            && (cached.version, cached.camera) == (version, self.camera)
+        {
+            self.pictures[1] += 1;
+            return Ok(cached.image.clone());
+        }
+        let image = self.draw()?;
+        self.pictures[0] += 1;
+        self.cached = Some(CachedFrame {
+            version,
+            camera: self.camera,
+            image: image.clone(),
+        });
+        Ok(image)
+    }
+
+    fn draw(&mut self) -> Result<Image> {
+        match self.mode {
+            DisplayMode::Inside(Mode::Composite) if !self.skins.is_empty() => {
+                let inside = Some(&mut self.raycaster);
+                let skins = &mut self.skins;
+                self.composer.image(skins, inside, &self.camera, self.size)
+            }
+            DisplayMode::Inside(mode) => self.raycaster.image(&self.camera, self.size, mode),
+            DisplayMode::Surface => self.surface.image(&self.camera, self.size),
+            DisplayMode::Skin => {
+                let skins = &mut self.skins;
+                self.composer.image(skins, None, &self.camera, self.size)
+            }
+        }
+    }
+
+    /// Records the drawing of the picture into `colour`, whose size replaces the scene's, on
+    /// black: for callers with encoders and views of their own. Reads nothing back.
+    ///
+    /// # Errors
+    /// As [`Raycaster::record`].
+    pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
+        self.publish(work)?;
+        let background = Some([0.0, 0.0, 0.0, 1.0]);
+        let target = Target {
+            colour,
+            occluder: None,
+            background,
+        };
+        let (camera, skins) = (&self.camera, &mut self.skins);
+        match self.mode {
+            DisplayMode::Skin => self.composer.record(work, skins, None, camera, &target),
+            DisplayMode::Inside(Mode::Composite) if !skins.is_empty() => {
+                let inside = Some(&mut self.raycaster);
+                self.composer.record(work, skins, inside, camera, &target)
+            }
+            DisplayMode::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
+            DisplayMode::Surface => {
+                let depth = self.depth_for(colour)?;
+                let target = SurfaceTarget {
+                    colour,
+                    depth: &depth,
+                    background,
+                };
+                self.surface.record(work, &self.camera, &target)
+            }
+        }
+    }
+
+    /// A depth attachment of the size of `colour`, kept for the next picture.
+    fn depth_for(&mut self, colour: &wgpu::TextureView) -> Result<wgpu::TextureView> {
+        let texture = colour.texture();
+        if let Some(depth) = &self.depth
+            && depth.texture().size() == texture.size()
+        {
+            return Ok(depth.clone());
+        }
+        let depth = self.gpu.target(
+            "depth",
+            [texture.width(), texture.height()],
+            wgpu::TextureFormat::Depth32Float,
+            wgpu::TextureUsages::RENDER_ATTACHMENT,
+        )?;
+        self.depth = Some(depth.clone());
+        Ok(depth)
+    }
+
+    /// Draws the picture and saves it, with the scene's background and bit depth.
+    ///
+    /// # Errors
+    /// As [`Stage::image`] and [`Image::save_as`].
+    pub fn save(&mut self, path: impl AsRef<std::path::Path>) -> Result<()> {
+        self.image()?.save_as(path, self.background, self.bits)
+    }
+
+    /// The extension that suits the pictures of this stage.
+    pub fn picture_extension(&self) -> &'static str {
+        match self.mode {
+            DisplayMode::Inside(Mode::Thickness) => "exr",
+            _ => "png",
+        }
+    }
+}
