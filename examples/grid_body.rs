@@ -4,10 +4,10 @@
 
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
-use palpate::mesh::{Topology, depth_field};
+use palpate::mesh::depth_field;
 use palpate::mesher::{ClosedSurface, SurfaceDomain};
-use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::physics::{Grip, Material};
+use palpate::physics::grid::{GridModel, GridShape};
+use palpate::physics::{EngineChoice, Grip, Material};
 use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
@@ -22,33 +22,32 @@ fn main() -> palpate::Result<()> {
     let shape = GridShape::carve_about(&domain, 5_000, DMat3::IDENTITY)?;
     let mut material = Material::young(5e3);
     material.length_unit = 1e-3;
-    let mut body = GridBody::new(&gpu, GridModel::new(shape, &material)?)?;
-    let mesh = body.mesh().clone();
+    let model = GridModel::new(shape, &material)?;
+    let mesh = model.shape.mesh(&model.springs)?;
+    let mut body = EngineChoice::Auto.grid(&gpu, mesh, model)?;
 
-    let (low, high) = mesh.bounds();
+    let (low, high) = body.mesh().bounds();
     let (size, middle) = (high - low, 0.5 * (low + high));
-    let bottom = |i: &u32| mesh.nodes[*i as usize].z < low.z + 0.1 * size.z;
-    let pinned: Vec<u32> = (0..mesh.nodes.len() as u32).filter(bottom).collect();
-    body.pin_nodes(&pinned)?;
-    println!("{} particles are pinned", pinned.len());
+    let pinned = body.pin(|p| p.z < low.z + 0.1 * size.z)?;
+    println!("{pinned} particles are pinned");
 
     // The top follows a hand that moves sideways.
     let top = middle.with_z(high.z);
     let hand = body.grab(top, 0.2 * size.z, Grip::Follow)?;
-    let dt = 0.9 * body.model().stable_step();
+    let dt = 0.9 * body.largest_stable_step().unwrap_or(0.01);
     for n in 1..=40 {
         let away = DVec3::X * size.x * f64::from(n) / 80.0;
         body.set_target(hand, top + away)?;
         body.run(10, dt)?;
     }
 
-    let topology = Topology::new(&mesh);
-    let depth = depth_field(&mesh, &topology).values;
-    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth)?;
+    body.publish_now()?;
+    let depth = depth_field(body.mesh(), body.topology()).values;
+    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth)?;
     let transfer = TransferFunction::preset("viridis")?.denser(5.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let pixels = [480, 480];
-    let camera = Camera::framing_for(&mesh, pixels);
+    let camera = Camera::framing_for(body.mesh(), pixels);
     let picture = raycaster.image(&camera, pixels, Mode::Composite)?;
     picture.save(&out)?;
     println!("{out}");

@@ -4,9 +4,9 @@
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
-use palpate::mesh::{TetMesh, Transfer};
+use palpate::mesh::Transfer;
 use palpate::mesher::{Recipe, Size};
-use palpate::physics::{Body, ImplicitEuler, Material, Solver};
+use palpate::physics::{EngineChoice, Material, Simulator, SolverKind};
 use palpate::render::Camera;
 use palpate::skin::{Carrier, Mapping, Skin};
 
@@ -15,34 +15,38 @@ fn main() -> palpate::Result<()> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/data/lobe.stl");
     let surface = palpate::io::read_surface(file)?;
     let gpu = Gpu::new()?;
-    let [(coarse, mut far), (fine, mut near)] = [body(&gpu, file, 600)?, body(&gpu, file, 6_000)?];
-    let carrier = |mesh: &TetMesh, body: &Body| {
-        Carrier::of_mesh(&gpu, mesh, body.nodes().array(), body.nodes().frame())
+    let [mut far, mut near] = [body(&gpu, file, 600)?, body(&gpu, file, 6_000)?];
+    let carrier = |body: &dyn Simulator| {
+        let nodes = body.nodes();
+        Carrier::of_mesh(&gpu, body.mesh(), nodes.array(), nodes.frame())
     };
-    let mut skin = Skin::new(&gpu, &surface, &carrier(&coarse, &far)?, Mapping::Auto)?;
-    let level = skin.add_level(&carrier(&fine, &near)?)?;
+    let mut skin = Skin::new(&gpu, &surface, &carrier(far.as_ref())?, Mapping::Auto)?;
+    let level = skin.add_level(&carrier(near.as_ref())?)?;
 
-    ImplicitEuler::new(&gpu, &far)?.run(&mut far, 15, 0.01)?;
+    far.run(15, 0.01)?;
+    far.publish_now()?;
     let before = skin.vertices()?;
 
     // What is near is worth a finer body: it goes on from where the coarse one is.
-    let over = Transfer::new(&coarse, &fine.nodes)?;
+    let over = Transfer::new(far.mesh(), &near.mesh().nodes)?;
     near.set_positions(&over.apply(&far.positions()?)?)?;
     near.set_velocities(&over.apply(&far.velocities()?)?)?;
+    near.publish_now()?;
     skin.use_level(level)?;
     let jump = before.iter().zip(skin.vertices()?);
     let jump = jump.map(|(p, q)| p.distance(q)).fold(0.0, f64::max);
     println!("the skin jumps by {jump:.2} mm as the finer body takes over");
 
-    ImplicitEuler::new(&gpu, &near)?.run(&mut near, 15, 0.01)?;
-    let camera = Camera::framing(&fine);
+    near.run(15, 0.01)?;
+    near.publish_now()?;
+    let camera = Camera::framing(near.mesh());
     skin.image(&camera, [480, 480])?.save(&out)?;
     println!("{out}");
     Ok(())
 }
 
 /// A body of about so many tets in the place of the surface, hanging to one side.
-fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<(TetMesh, Body)> {
+fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<Box<dyn Simulator>> {
     let recipe = Recipe {
         input: vec![file.into()],
         size: Some(Size::Tets(tets)),
@@ -51,9 +55,11 @@ fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<(TetMesh, Body)> 
     let mesh = recipe.mesh(&|_, _| {})?.mesh;
     let mut material = Material::young(2e4);
     material.length_unit = 1e-3;
-    let mut body = Body::new(gpu, &mesh, &material)?;
     let (low, high) = mesh.bounds();
-    body.pin(|p| p.z < low.z + 0.1 * (high.z - low.z));
-    body.set_gravity(DVec3::X * 9.81);
-    Ok((mesh, body))
+    let engine = EngineChoice::Auto;
+    let mut body = engine.tets(gpu, mesh, &material, SolverKind::Implicit)?;
+    body.pin(|p| p.z < low.z + 0.1 * (high.z - low.z))?;
+    let weight = DVec3::X * 9.81;
+    body.loads_mut().set_gravity(weight);
+    Ok(body)
 }

@@ -4,8 +4,8 @@
 //!     cargo run --release --example own_device
 
 use palpate::gpu::{Gpu, Recorder};
-use palpate::mesh::{Topology, generate};
-use palpate::physics::{Body, Material, SolverKind};
+use palpate::mesh::{depth_field, generate};
+use palpate::physics::{EngineChoice, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Mode, Raycaster, Target, TransferFunction};
 
 fn main() -> anyhow::Result<()> {
@@ -32,19 +32,21 @@ fn main() -> anyhow::Result<()> {
 
     let gpu = Gpu::from_wgpu(&adapter, device.clone(), queue.clone());
     let mesh = generate::ball(0.05, 8)?;
-    let mut body = Body::new(&gpu, &mesh, &Material::very_soft_tissue())?;
-    body.hold_one_end(9.81);
-    let mut solver = SolverKind::Implicit.solver(&gpu, &body)?;
-    let depth = palpate::mesh::depth_field(&mesh, &Topology::new(&mesh));
-    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth.values)?;
+    // The steps are the GPU's too, software or not.
+    let (engine, tissue) = ("gpu".parse::<EngineChoice>()?, Material::very_soft_tissue());
+    let mut body = engine.tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
+    body.hold_one_end(9.81)?;
+    let depth = depth_field(body.mesh(), body.topology());
+    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth.values)?;
     let mut raycaster = Raycaster::new(&gpu, geometry, &TransferFunction::preset("tissue")?)?;
-    let camera = Camera::framing(&mesh);
+    let camera = Camera::framing(body.mesh());
 
     let before = gpu.readbacks();
     for _ in 0..20 {
         let mut encoder = device.create_command_encoder(&Default::default());
         let mut work = Recorder::within(&gpu, &mut encoder);
-        solver.record(&mut work, &mut body, 2, 0.005)?;
+        body.record(&mut work, 2, 0.005)?;
+        body.publish(&mut work)?;
         let target = Target {
             colour: &view,
             occluder: None,
@@ -55,6 +57,6 @@ fn main() -> anyhow::Result<()> {
         queue.submit([encoder.finish()]);
     }
     println!("20 frames, {} read-backs", gpu.readbacks() - before);
-    println!("simulated {:.2} s", solver.poll(&body)?.time);
+    println!("simulated {:.2} s", body.finish()?.time);
     Ok(())
 }

@@ -4,21 +4,20 @@
 
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
-use palpate::mesh::{Topology, depth_field, generate};
-use palpate::physics::{Body, Grip, ImplicitEuler, Material, Solver};
+use palpate::mesh::{depth_field, generate};
+use palpate::physics::{EngineChoice, Grip, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("pick.png".into());
     let gpu = Gpu::new()?;
     let mesh = generate::ball(0.1, 14)?;
-    let mut body = Body::new(&gpu, &mesh, &Material::young(5e3))?;
-    body.pin(|p| p.z < -0.07);
-    let mut solver = ImplicitEuler::new(&gpu, &body)?;
+    let (engine, soft) = (EngineChoice::Auto, Material::young(5e3));
+    let mut body = engine.tets(&gpu, mesh, &soft, SolverKind::Implicit)?;
+    body.pin(|p| p.z < -0.07)?;
 
-    let topology = Topology::new(&mesh);
-    let depth = depth_field(&mesh, &topology).values;
-    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &depth)?;
+    let depth = depth_field(body.mesh(), body.topology()).values;
+    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth)?;
     let transfer = TransferFunction::preset("viridis")?.denser(20.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let eye = DVec3::new(0.15, -0.45, 0.15);
@@ -39,8 +38,9 @@ fn main() -> palpate::Result<()> {
         let pointer = clicked + DVec2::new(6.0, -4.0) * f64::from(n);
         let ray = camera.ray(pointer, pixels);
         body.set_target(hand, ray.origin + pick.distance * ray.direction)?;
-        solver.run(&mut body, 2, 0.01)?;
+        body.run(2, 0.01)?;
     }
+    body.publish_now()?;
     let picture = raycaster.image(&camera, pixels, Mode::Composite)?;
     picture.save(&out)?;
     println!("{out}");

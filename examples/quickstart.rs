@@ -4,7 +4,7 @@
 
 use palpate::gpu::Gpu;
 use palpate::mesh::Location;
-use palpate::physics::{Body, ImplicitEuler, Material, Solver};
+use palpate::physics::{EngineChoice, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
@@ -15,19 +15,21 @@ fn main() -> palpate::Result<()> {
 
     let gpu = Gpu::new()?;
     let mesh = palpate::io::read(&file)?;
-    let mut body = Body::new(&gpu, &mesh, &Material::soft_tissue())?;
-    println!("{}", body.hold_one_end(2.0));
-
-    let mut solver = ImplicitEuler::new(&gpu, &body)?;
-    solver.run(&mut body, 30, 0.01)?;
-
     let field = mesh.field("intensity", Location::Node);
     let scalars = field.map_or(vec![0.0; mesh.nodes.len()], |f| f.values.clone());
-    let geometry = Geometry::following(&gpu, &mesh, body.nodes(), &scalars)?;
+
+    // On the GPU where there is one, else on the processor.
+    let (engine, tissue) = (EngineChoice::Auto, Material::soft_tissue());
+    let mut body = engine.tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
+    println!("{}", body.hold_one_end(2.0)?);
+    body.run(30, 0.01)?;
+    body.publish_now()?;
+
+    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &scalars)?;
     let transfer = TransferFunction::read(format!("{data}/limb.json"))?;
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let size = [800, 600];
-    let camera = Camera::framing_for(&mesh, size);
+    let camera = Camera::framing_for(body.mesh(), size);
     raycaster
         .image(&camera, size, Mode::Composite)?
         .save(&out)?;

@@ -3,9 +3,9 @@
 //!     cargo run --release --example skin [-- SURFACE.stl OUT.png]
 
 use palpate::gpu::Gpu;
-use palpate::mesh::{Topology, depth_field};
+use palpate::mesh::depth_field;
 use palpate::mesher::{Recipe, Size};
-use palpate::physics::{Body, Grip, ImplicitEuler, Material, Solver};
+use palpate::physics::{EngineChoice, Grip, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 use palpate::skin::{Carrier, ComposeOptions, Composer, Mapping, Skin};
 
@@ -25,14 +25,15 @@ fn main() -> palpate::Result<()> {
     let mesh = recipe.mesh(&|_, _| {})?.mesh;
     let mut material = Material::young(5e3);
     material.length_unit = 1e-3;
-    let mut body = Body::new(&gpu, &mesh, &material)?;
     let (low, high) = mesh.bounds();
     let (size, middle) = (high - low, 0.5 * (low + high));
-    body.pin(|p| p.z < low.z + 0.1 * size.z);
+    let engine = EngineChoice::Auto;
+    let mut body = engine.tets(&gpu, mesh, &material, SolverKind::Implicit)?;
+    body.pin(|p| p.z < low.z + 0.1 * size.z)?;
 
     // Bound once, where body and skin are at rest.
-    let (frame, positions) = (body.nodes().frame(), body.nodes().array().clone());
-    let carrier = Carrier::of_mesh(&gpu, &mesh, &positions, frame)?;
+    let nodes = body.nodes();
+    let carrier = Carrier::of_mesh(&gpu, body.mesh(), nodes.array(), nodes.frame())?;
     let surface = palpate::io::read_surface(&file)?;
     let mut skin = Skin::new(&gpu, &surface, &carrier, Mapping::Auto)?;
     println!("{:?}", skin.binding());
@@ -41,15 +42,14 @@ fn main() -> palpate::Result<()> {
     let top = middle.with_z(high.z);
     let hand = body.grab(top, 0.2 * size.z, Grip::Follow)?;
     body.set_target(hand, top + 0.3 * size.with_z(0.0))?;
-    let mut solver = ImplicitEuler::new(&gpu, &body)?;
-    solver.run(&mut body, 30, 0.02)?;
+    body.run(30, 0.02)?;
+    body.publish_now()?;
 
-    let topology = Topology::new(&mesh);
-    let depth = depth_field(&mesh, &topology).values;
-    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &depth)?;
+    let depth = depth_field(body.mesh(), body.topology()).values;
+    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth)?;
     let mut inside = Raycaster::new(&gpu, geometry, &TransferFunction::preset("viridis")?)?;
     let pixels = [480, 480];
-    let camera = Camera::framing_for(&mesh, pixels);
+    let camera = Camera::framing_for(body.mesh(), pixels);
     let mut composer = Composer::new(&gpu, ComposeOptions::default())?;
     let skins = std::slice::from_mut(&mut skin);
     let picture = composer.image(skins, Some(&mut inside), &camera, pixels)?;

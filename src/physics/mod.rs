@@ -30,6 +30,7 @@ pub mod plain;
 mod report;
 mod rows;
 mod simulator;
+mod simulator_tools;
 mod solver;
 pub mod spectrum;
 mod stability;

@@ -50,6 +50,11 @@ impl Nodes {
         &self.positions
     }
 
+    /// The device that they are on.
+    pub(super) fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
     /// The local frame.
     pub fn frame(&self) -> LocalFrame {
         self.frame
