@@ -24,6 +24,7 @@ fn boxes(way: f64, more: &str) -> String {
         "[[body]]\nname = \"red\"\nmesh = {{ generate = \"box\", tets = 400 }}\n\
          [[body]]\nname = \"blue\"\nmesh = {{ generate = \"box\", tets = 700 }}\noffset = [0.0, 0.3, 0.0]\n\
          [camera]\neye = [0.05, {}, 0.05]\nlook_at = [0.05, 0.2, 0.05]\nup = [0, 0, 1]\northographic = 0.2\n\
+         [light]\nfrom = \"none\"\n\
          [picture]\nfield = \"label\"\nsize = [40, 40]\n\
          transfer = '{{\"colour\": [[1, 1, 0, 0], [2, 0, 0, 1]], \"extinction\": [[1, 900], [2, 900]]}}'\n{more}",
         0.2 - way

@@ -88,6 +88,7 @@ fn scene(body: Body, mode: &str, more: &str) -> Scene {
         "[mesh]\nfile = '{BALL}'\nunit = \"m\"\n[material]\nyoung = 1e4\ndensity = 1000\n\
          [solver]\ngravity = [0, 0, 0]\n{solver}\n\
          [camera]\neye = [{x}, -1, {z}]\nlook_at = [{x}, 0, {z}]\nup = {up:?}\northographic = {VIEW}\n\
+         [light]\nfrom = \"none\"\n\
          [picture]\nmode = \"{mode}\"\nsize = [{PIXELS}, {PIXELS}]\n\
          transfer = '{{\"colour\": [[0, 1, 1, 1]], \"extinction\": [[0, {EXTINCTION}]]}}'\n{more}"
     ))

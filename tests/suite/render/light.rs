@@ -56,7 +56,7 @@ impl<'a> Lit<'a> {
 
     /// Root mean square and worst of the differences between a picture and the truth, in 255ths.
     fn compare(&mut self, camera: &Camera, light: Light) -> (f64, f64) {
-        let size = [96, 96];
+        let size = [64, 64];
         let image = self.caster.image(camera, size, Mode::Composite).unwrap();
         let (given, cells) = values(self.scalars);
         let rays = match cells {
@@ -91,7 +91,7 @@ fn bent(mesh: &TetMesh) -> Vec<DVec3> {
 fn lit_pictures_are_those_of_the_float64_form() {
     let gpu = gpu();
     let duct = generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), generate::Bore::Round).unwrap();
-    let limb = generate::by_name("limb", Some(6_000)).unwrap();
+    let limb = generate::by_name("limb", Some(3_000)).unwrap();
     let smooth = waves(&duct);
     let regions = limb.field("label", Location::Cell).unwrap().values.clone();
     let from = Light::From(DVec3::new(0.3, 1.0, -0.5));
