@@ -1,6 +1,7 @@
 //! The particles and springs of a body, in float64 and SI units: what the GPU's arrays are made
 //! from, and what the reference steps.
 
+use super::elements::Elements;
 use super::hold::HeldEnd;
 use super::material::{Damping, Material, RegionMaterial, Stiffness};
 use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
@@ -40,6 +41,9 @@ pub struct SpringNetwork {
     pub frame: LocalFrame,
     /// Metres in a file unit.
     pub length_unit: f64,
+    /// Finite elements, which are stepped beside the springs or in place of them; most bodies
+    /// have none.
+    pub elements: Elements,
 }
 
 impl SpringNetwork {
@@ -75,6 +79,7 @@ impl SpringNetwork {
             damping_kind: material.damping_kind,
             frame,
             length_unit: unit,
+            elements: Elements::default(),
         })
     }
 
@@ -103,11 +108,14 @@ impl SpringNetwork {
         }
         if !cut.removed.is_empty() {
             let frame = self.frame;
-            *self = SpringNetwork::new(mesh, material)?;
+            let network = SpringNetwork::new(mesh, material)?;
+            let elements = std::mem::take(&mut self.elements);
+            *self = network;
             // Positions stay in the frame they are in.
             let moved = (self.frame.origin - frame.origin) * self.length_unit;
             self.rest.iter_mut().for_each(|x| *x += moved);
             self.frame = frame;
+            self.elements = elements;
             return Ok(Vec::new());
         }
         let matter = Matter::new(mesh, material)?;

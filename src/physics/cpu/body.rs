@@ -1,7 +1,9 @@
 //! A deformable body on the CPU: its state, what acts on it, and steps of any scheme.
 
+use super::element_term::Tets;
 use super::guard::Guard;
 use super::implicit::Implicit;
+use super::newton::Minimiser;
 use super::loads::{Attachment, Loads, check_attachments};
 use super::order::Lumps;
 use super::pool::Plan;
@@ -45,6 +47,8 @@ pub struct CpuBody<T: Real> {
     pub(super) now: Motion<T>,
     pub(super) next: Motion<T>,
     pub(super) implicit: Option<Implicit<T>>,
+    /// Of implicit bodies with elements.
+    pub(super) newton: Option<Minimiser<T>>,
     pub(super) guard: Guard,
     pub(super) start: Start,
     /// Length of the last step, local units; 0 where the next is a first one.
@@ -115,6 +119,14 @@ impl<T: Real> CpuBody<T> {
                 network.masses.len()
             )));
         }
+        let elements = &network.elements;
+        let strange = |e: &crate::physics::Element| e.nodes.iter().any(|v| *v as usize >= nodes);
+        let damped = elements.mass_damping;
+        if elements.tets.iter().any(strange) || !(damped >= 0.0 && damped.is_finite()) {
+            return Err(Error::Input(format!(
+                "a network of {nodes} nodes has elements of nodes that are not there, or a mass damping of {damped} 1/s"
+            )));
+        }
         let units = Units::of(network);
         let groups = GROUPS * (nodes as f64).sqrt();
         let most = (nodes as f64 / groups).ceil() as usize;
@@ -127,7 +139,19 @@ impl<T: Real> CpuBody<T> {
             Some(chunks) => Plan::with(starts, chunks),
             None => Plan::new(starts),
         };
-        let springs = Springs::new(network, &order, &units, &plan);
+        let implicit = kind == SolverKind::Implicit;
+        let mut terms: Vec<Box<dyn Term<T>>> = Vec::new();
+        if elements.is_empty() || !network.springs.is_empty() {
+            terms.push(Box::new(Springs::new(network, &order, &units, &plan)));
+        }
+        if !elements.is_empty() {
+            let with = (&order[..], units, &plan);
+            terms.push(Box::new(Tets::new(network, with, implicit)));
+        }
+        let newton = (implicit && !elements.is_empty()).then(|| {
+            let settings = crate::physics::Newton::default();
+            Minimiser::new(&plan, settings, damped * units.time)
+        });
         let seen = match kind {
             SolverKind::VelocityVerlet => nodes,
             _ => 0,
@@ -138,7 +162,6 @@ impl<T: Real> CpuBody<T> {
             seen: vec![zero(); seen],
             f: vec![zero(); nodes],
         };
-        let implicit = kind == SolverKind::Implicit;
         let mut body = CpuBody {
             kind,
             units,
@@ -158,7 +181,8 @@ impl<T: Real> CpuBody<T> {
             gravity: DVec3::ZERO,
             external: vec![DVec3::ZERO; nodes],
             loads: Loads::none(nodes),
-            terms: vec![Box::new(springs)],
+            terms,
+            newton,
             now: motion(),
             next: motion(),
             implicit: implicit.then(|| Implicit::new(&plan, settings)),

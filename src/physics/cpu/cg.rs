@@ -61,6 +61,10 @@ pub struct Outcome {
     pub residual: f64,
     /// Whether it is what was asked for.
     pub met: bool,
+    /// Of [`Solver::solve_afresh`]: b·x, which is twice what ½xᵀAx − bᵀx was lowered by.
+    pub gain: f64,
+    /// Of [`Solver::solve_afresh`]: whether it ended where the matrix is not positive definite.
+    pub indefinite: bool,
 }
 
 /// The vectors of conjugate gradients, and the solutions of the last two systems.
@@ -113,11 +117,36 @@ impl<T: Real> Solver<T> {
         start: f64,
         stop: Stop,
     ) -> Outcome {
-        self.begin(a);
+        self.begin(a, self.count);
+        self.iterate(a, coarse, start, stop, false)
+    }
+
+    /// As [`Solver::solve`], from nothing, and of a matrix that may not be positive definite:
+    /// there it ends.
+    pub fn solve_afresh(
+        &mut self,
+        a: &Matrix<'_, T>,
+        coarse: &mut Option<Coarse<T>>,
+        start: f64,
+        stop: Stop,
+    ) -> Outcome {
+        self.begin(a, 0);
+        self.iterate(a, coarse, start, stop, true)
+    }
+
+    fn iterate(
+        &mut self,
+        a: &Matrix<'_, T>,
+        coarse: &mut Option<Coarse<T>>,
+        start: f64,
+        stop: Stop,
+        may_be_indefinite: bool,
+    ) -> Outcome {
         let goal = (stop.tolerance * stop.tolerance * start).max(stop.floor);
         let mut coarse = coarse.as_mut().filter(|c| c.ready());
         let mut smooth = self.descend(a.plan, coarse.as_deref(), T::ZERO);
         let (mut before, mut iterations) = (0.0, 0);
+        let (mut gain, mut indefinite) = (0.0, false);
         // Not a number goes on as converged, and is found in the state.
         while smooth > goal && iterations < stop.most {
             let rz = smooth + self.correct(&mut coarse);
@@ -125,9 +154,14 @@ impl<T: Real> Solver<T> {
             before = rz;
             self.turn(a.plan, coarse.as_deref(), T::of(beta));
             let pq = a.multiply(&self.direction, &mut self.product);
+            if may_be_indefinite && pq <= 0.0 {
+                indefinite = true;
+                break;
+            }
             // The matrix is positive definite; if rounding says otherwise, stay where we are.
             let alpha = if pq > 0.0 { rz / pq } else { 0.0 };
             smooth = self.descend(a.plan, coarse.as_deref(), T::of(alpha));
+            gain += alpha * rz;
             iterations += 1;
             if pq.is_nan() {
                 break;
@@ -142,6 +176,8 @@ impl<T: Real> Solver<T> {
             iterations,
             residual,
             met: smooth <= goal,
+            gain,
+            indefinite,
         }
     }
 
@@ -155,16 +191,16 @@ impl<T: Real> Solver<T> {
     /// The start: what of the space of the last two solutions has the lowest ½xᵀAx − bᵀx.
     ///
     /// That is never higher than of nothing, of the last solution, or of what both extrapolate to.
-    fn begin(&mut self, a: &Matrix<'_, T>) {
+    fn begin(&mut self, a: &Matrix<'_, T>, count: usize) {
         let [last, older] = &self.known;
         let mut weights = [0.0; 2];
-        if self.count > 0 {
+        if count > 0 {
             let aa = a.multiply(last, &mut self.product);
             let ab = dot(last, &self.residual);
             if aa > 0.0 {
                 weights[0] = ab / aa;
             }
-            if self.count > 1 {
+            if count > 1 {
                 let oo = a.multiply(older, &mut self.other);
                 let ob = dot(older, &self.residual);
                 let ao = dot(last, &self.other);
@@ -182,7 +218,6 @@ impl<T: Real> Solver<T> {
             Nodes(&mut self.residual),
             Nodes(&mut self.direction),
         );
-        let count = self.count;
         a.plan.each(data, &|_, nodes, (x, r, p)| {
             p.0.fill(zero());
             x.0.fill(zero());

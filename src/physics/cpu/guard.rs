@@ -105,6 +105,16 @@ impl Guard {
         Ok(())
     }
 
+    /// Takes note of a state that no energy is judged of.
+    ///
+    /// # Errors
+    /// [`Failure::NonFinite`].
+    pub fn note(&mut self, sums: Sums) -> Result<(), Failure> {
+        finite(sums)?;
+        self.last = sums;
+        Ok(())
+    }
+
     /// Judges the state that a step of length `h` led to, of `nodes` nodes; all in local units,
     /// `joules` in one of energy.
     ///

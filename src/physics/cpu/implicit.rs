@@ -6,7 +6,7 @@ use super::coarse::Coarse;
 use super::pool::{Nodes, Plan};
 use super::real::Real;
 use super::terms::{At, Share, Term};
-use super::vectors::{Symmetric, V4, add_scaled, apply, inverse, scale, total, zero};
+use super::vectors::{Columns, Symmetric, V4, add_scaled, apply, inverse, scale, total, zero};
 use crate::physics::ConjugateGradients;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -46,6 +46,12 @@ pub struct Basis<T> {
     pub first: u32,
     /// And of the last.
     pub last: u32,
+    /// Of bodies of elements: whether blocks were projected.
+    pub projected: bool,
+    /// And the displacements that damping was taken at, if there was any.
+    pub lagged: Vec<V4<T>>,
+    /// And solves left for which blocks are projected.
+    pub left: u32,
 }
 
 /// What a step goes by.
@@ -75,10 +81,7 @@ impl<T: Real> Implicit<T> {
             coarse: None,
             basis: Basis {
                 u: vec![zero(); plan.nodes()],
-                h: T::ZERO,
-                age: 0,
-                first: 0,
-                last: 0,
+                ..Basis::default()
             },
         }
     }
@@ -118,14 +121,7 @@ impl<T: Real> Implicit<T> {
     pub fn solve(&mut self, scene: &Scene<'_, T>, terms: &mut [Box<dyn Term<T>>], h: T) -> Outcome {
         self.linearise(scene, terms, scene.at, h);
         let (start, weight) = self.right_hand_side(scene, h);
-        let basis = &self.basis;
-        let slow = f64::from(basis.last) > GROWTH * f64::from(basis.first) + f64::from(SPARE);
-        if basis.h != h || basis.age >= KEPT || slow {
-            self.basis.h = h;
-            self.basis.age = 0;
-            self.basis.u.copy_from_slice(scene.at.u);
-            self.build(scene, terms, scene.at.u);
-        }
+        self.refresh(scene, terms, scene.at.u, h);
         let matrix = Matrix {
             plan: scene.plan,
             masses: scene.masses,
@@ -138,13 +134,56 @@ impl<T: Real> Implicit<T> {
             most: self.settings.max_iterations,
         };
         let outcome = self.solver.solve(&matrix, &mut self.coarse, start, stop);
+        self.note(outcome);
+        outcome
+    }
+
+    /// As [`Solver::solve_afresh`], with the coarse space.
+    pub(super) fn solve_afresh(&mut self, a: &Matrix<'_, T>, start: f64, stop: Stop) -> Outcome {
+        let outcome = self.solver.solve_afresh(a, &mut self.coarse, start, stop);
+        self.note(outcome);
+        outcome
+    }
+
+    /// Makes the coarse space anew where it is due, of what was linearised at `u`. Whether it was.
+    pub(super) fn refresh(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        u: &[V4<T>],
+        h: T,
+    ) -> bool {
+        let basis = &self.basis;
+        let slow = f64::from(basis.last) > GROWTH * f64::from(basis.first) + f64::from(SPARE);
+        let due = basis.h != h || basis.age >= KEPT || slow;
+        if due {
+            self.basis.h = h;
+            self.basis.age = 0;
+            self.basis.u.copy_from_slice(u);
+            self.build(scene, terms, u);
+        }
+        due
+    }
+
+    /// Whether there is a coarse space to solve with.
+    pub(super) fn has_coarse(&self) -> bool {
+        self.coarse.as_ref().is_some_and(Coarse::ready)
+    }
+
+    /// The diagonal blocks, with the inverse blocks to be made of them, and the residual.
+    pub(super) fn diagonal(&mut self) -> (&[Symmetric<T>], &mut [Columns<T>], &[V4<T>]) {
+        let solver = &mut self.solver;
+        (&self.diagonal, &mut solver.inverse, &solver.residual)
+    }
+
+    /// Takes note of how the coarse space did.
+    fn note(&mut self, outcome: Outcome) {
         let basis = &mut self.basis;
         if basis.age == 0 {
             basis.first = outcome.iterations;
         }
         basis.last = outcome.iterations;
         basis.age += 1;
-        outcome
     }
 
     /// v' = v + Δv, u' = u + h v'.
@@ -159,7 +198,7 @@ impl<T: Real> Implicit<T> {
         });
     }
 
-    fn linearise(
+    pub(super) fn linearise(
         &mut self,
         scene: &Scene<'_, T>,
         terms: &mut [Box<dyn Term<T>>],

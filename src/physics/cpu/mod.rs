@@ -1,15 +1,26 @@
 //! Bodies stepped on the CPU by threads, generic over f32 and f64; nodes in the order of a
 //! recursive bisection, so that those of one group lie together in space and in memory.
 
+mod block_rows;
 mod body;
 mod cg;
 mod cholesky;
 mod coarse;
+mod element_batches;
+mod element_kernels;
+mod element_svd;
+mod element_term;
+#[cfg(test)]
+mod element_tests;
 mod explicit;
 mod grid;
 mod guard;
+mod guesses;
 mod implicit;
+mod lanes;
 mod loads;
+mod newton;
+mod newton_step;
 mod node_terms;
 mod order;
 mod particle_forces;
@@ -20,7 +31,9 @@ mod particle_tests;
 mod particles;
 mod pool;
 mod pose;
+mod potential;
 mod real;
+mod rules;
 mod sending;
 mod simulator;
 mod spring_blocks;

@@ -56,6 +56,17 @@ impl<T: Real> Term<T> for NodeTerms<T> {
         energy / self.units.energy()
     }
 
+    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        self.forces(chunk, At { u, v: u }, f)
+    }
+
+    fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
+        let end = self.first.get(chunk + 1).copied();
+        let nodes = self.first[chunk]..end.unwrap_or(self.rest.len());
+        let all = nodes.map(|k| self.term.energy(self.masses[k], self.place(k, u[k])));
+        all.sum::<f64>() / self.units.energy()
+    }
+
     fn linearise(&mut self, _: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
         let stiffness = self.units.stiffness();
         for k in 0..self.rest.len() {

@@ -1,5 +1,6 @@
 //! The numbers the engine computes in: f32 where speed counts, f64 where truth does.
 
+use super::lanes::Lane;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fmt::Debug;
@@ -27,12 +28,7 @@ pub trait Real:
     + 'static
 {
     /// Four of them in one register: what is written out lane by lane the compiler takes apart.
-    type Lanes: Copy
-        + Send
-        + Sync
-        + Add<Output = Self::Lanes>
-        + Sub<Output = Self::Lanes>
-        + Mul<Output = Self::Lanes>;
+    type Lanes: Lane;
     /// 0.
     const ZERO: Self;
     /// 1.
@@ -43,6 +39,8 @@ pub trait Real:
     const COINCIDENT: Self;
     /// Change of a squared length, in local units, that is as good as none.
     const NOTHING: Self;
+    /// What sums of energies are wrong by at most, over themselves: rounding.
+    const ROUNDING: f64;
     /// Movement in one step, in units of the body's extent, that positions do not show.
     const NEGLIGIBLE: f64;
 
@@ -70,7 +68,7 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($real:ty, $lanes:ty, $coincident:expr, $nothing:expr, $negligible:expr) => {
+    ($real:ty, $lanes:ty, $coincident:expr, $nothing:expr, $rounding:expr, $negligible:expr) => {
         impl Real for $real {
             type Lanes = $lanes;
             const ZERO: Self = 0.0;
@@ -78,6 +76,7 @@ macro_rules! real {
             const HALF: Self = 0.5;
             const COINCIDENT: Self = $coincident;
             const NOTHING: Self = $nothing;
+            const ROUNDING: f64 = $rounding;
             const NEGLIGIBLE: f64 = $negligible;
 
             #[inline(always)]
@@ -117,5 +116,5 @@ macro_rules! real {
     };
 }
 
-real!(f32, glam::Vec4, 1e-24, 1e-20, 1e-9);
-real!(f64, glam::DVec4, 1e-200, 1e-200, 1e-18);
+real!(f32, glam::Vec4, 1e-24, 1e-20, 1e-6, 1e-9);
+real!(f64, glam::DVec4, 1e-200, 1e-200, 1e-14, 1e-18);

@@ -113,6 +113,28 @@ impl<T: Real> Block<T> {
         // The springs that fill up a block are not damped, but they have no ends that differ.
     }
 
+    /// Forces of the damping alone on the springs' nodes i.
+    #[inline(always)]
+    pub fn resist(
+        &self,
+        damping: [T; 2],
+        axial: bool,
+        e: &Vectors<T>,
+        w: &Vectors<T>,
+        f: &mut Vectors<T>,
+    ) {
+        for n in 0..B {
+            let (d, square, _, _) = self.lengths(n, e[n]);
+            let c = damping[0] + damping[1] * self.stiffness[n];
+            let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
+            let along = c * dw / square;
+            f[n] = match axial {
+                true => [along * d[0], along * d[1], along * d[2], T::ZERO],
+                false => [c * w[n][0], c * w[n][1], c * w[n][2], T::ZERO],
+            };
+        }
+    }
+
     /// The springs' parts of A, and κ((1 − t) n n·w + t w) with w the difference of velocities.
     #[inline(always)]
     pub fn linearise(

@@ -187,6 +187,44 @@ impl<T: Real> List<T> {
         sum * if both { 0.5 } else { 0.25 }
     }
 
+    fn energy(&self, nodes: &Range<usize>, both: bool, u: &[V4<T>]) -> f64 {
+        let u = ends(u, nodes, both);
+        let zero = [[T::ZERO; 4]; B];
+        let (mut e, mut pull) = (zero, zero);
+        let mut energy = [T::ZERO; B];
+        let mut sum = 0.0;
+        for block in &self.blocks {
+            block.differences(u, &mut e);
+            block.pull::<0>([T::ZERO; 2], &e, &zero, &mut pull, &mut energy);
+            sum += energy.map(Real::wide).iter().sum::<f64>();
+        }
+        sum * if both { 0.5 } else { 0.25 }
+    }
+
+    fn resist(
+        &self,
+        nodes: &Range<usize>,
+        both: bool,
+        (damping, axial): ([T; 2], bool),
+        at: At<'_, T>,
+        f: &mut [V4<T>],
+    ) -> f64 {
+        let [u, v] = [at.u, at.v].map(|a| ends(a, nodes, both));
+        let zero = [[T::ZERO; 4]; B];
+        let (mut e, mut w, mut pull) = (zero, zero, zero);
+        let mut sum = 0.0;
+        for block in &self.blocks {
+            block.differences(u, &mut e);
+            block.differences(v, &mut w);
+            block.resist(damping, axial, &e, &w, &mut pull);
+            block.scatter(both, &pull, f);
+            for (pull, w) in pull.iter().zip(&w) {
+                sum += (pull[0] * w[0] + pull[1] * w[1] + pull[2] * w[2]).wide();
+            }
+        }
+        sum * if both { 0.5 } else { 0.25 }
+    }
+
     fn linearise(
         &mut self,
         nodes: &Range<usize>,
@@ -258,6 +296,43 @@ impl<T: Real> Term<T> for Springs<T> {
                 (true, Damping::Relative) => list.forces::<2>(nodes, both, c, at, f),
             });
         both[0] + both[1]
+    }
+
+    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        let Chunk {
+            nodes,
+            inner,
+            outer,
+        } = &self.chunks[chunk];
+        let at = At { u, v: u };
+        let c = [T::ZERO; 2];
+        inner.forces::<0>(nodes, true, c, at, f) + outer.forces::<0>(nodes, false, c, at, f)
+    }
+
+    fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
+        let Chunk {
+            nodes,
+            inner,
+            outer,
+        } = &self.chunks[chunk];
+        inner.energy(nodes, true, u) + outer.energy(nodes, false, u)
+    }
+
+    fn damped(&self) -> bool {
+        self.damped
+    }
+
+    fn resist(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+        if !self.damped {
+            return 0.0;
+        }
+        let Chunk {
+            nodes,
+            inner,
+            outer,
+        } = &self.chunks[chunk];
+        let how = (self.damping, self.kind == Damping::Axial);
+        inner.resist(nodes, true, how, at, f) + outer.resist(nodes, false, how, at, f)
     }
 
     fn linearise(&mut self, plan: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {

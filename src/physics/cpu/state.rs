@@ -45,7 +45,10 @@ impl<T: Real> CpuBody<T> {
             v: self.now.v.clone(),
             seen: self.now.seen.clone(),
             solutions: implicit.map_or(Vec::new(), |i| i.solver.known[..i.solver.count].to_vec()),
-            basis: implicit.map(|i| i.basis.clone()),
+            basis: implicit.map(|i| Basis {
+                left: self.newton.as_ref().map_or(0, |n| n.projected),
+                ..i.basis.clone()
+            }),
             guard: self.guard,
             lag: self.lag,
             steps: self.steps,
@@ -71,6 +74,7 @@ impl<T: Real> CpuBody<T> {
             && state.solutions.iter().all(|s| s.len() == nodes)
             && state.basis.is_some() == self.implicit.is_some()
             && state.basis.as_ref().is_none_or(|b| b.u.len() == nodes)
+            && state.basis.as_ref().is_none_or(|b| [0, nodes].contains(&b.lagged.len()))
             && state.begin <= 2;
         if !fits {
             return Err(Error::Input(
@@ -104,7 +108,10 @@ impl<T: Real> CpuBody<T> {
                 },
                 f: &self.now.f,
             };
-            implicit.resume(&scene, &mut self.terms, basis.clone());
+            match &mut self.newton {
+                Some(newton) => newton.resume(implicit, &scene, &mut self.terms, basis.clone()),
+                None => implicit.resume(&scene, &mut self.terms, basis.clone()),
+            }
         }
         Ok(())
     }

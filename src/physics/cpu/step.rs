@@ -39,7 +39,7 @@ impl<T: Real> CpuBody<T> {
         self.steps
     }
 
-    fn record(&self, iterations: u32, residual: f64) -> StepRecord {
+    pub(super) fn record(&self, iterations: u32, residual: f64) -> StepRecord {
         let joules = self.units.energy();
         StepRecord {
             iterations,
@@ -80,6 +80,9 @@ impl<T: Real> CpuBody<T> {
 
     /// One step of `h` local units.
     fn advance(&mut self, h: f64) -> Result<StepRecord, Failure> {
+        if let Some(done) = self.advance_newton(h) {
+            return done;
+        }
         let step = T::of(h);
         let (mut iterations, mut residual) = (0, 0.0);
         if self.kind == SolverKind::Implicit {

@@ -115,7 +115,7 @@ pub fn dot<T: Real>(a: &[V4<T>], b: &[V4<T>]) -> f64 {
 }
 
 /// Energy of motion, and a sum that is zero where everything is finite and no number otherwise.
-fn motion<T: Real>(masses: &[T], u: &[V4<T>], v: &[V4<T>], f: &[V4<T>]) -> (f64, f64) {
+pub fn motion<T: Real>(masses: &[T], u: &[V4<T>], v: &[V4<T>], f: &[V4<T>]) -> (f64, f64) {
     let mut sum = 0.0;
     let mut bad = [T::ZERO; 4];
     let speed = T::of(SPEED);

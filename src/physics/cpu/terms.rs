@@ -21,7 +21,7 @@ pub struct At<'a, T> {
 pub struct Share<'a, T> {
     /// The diagonal blocks of A.
     pub diagonal: &'a mut [Symmetric<T>],
-    /// K̃ v.
+    /// K̃ v; finite elements, which are stepped without it, leave it alone.
     pub change: &'a mut [V4<T>],
 }
 
@@ -35,6 +35,31 @@ pub trait Term<T: Real>: Send + Sync {
     /// Returns the energy of the chunk's share, such that all shares make up the term's energy.
     /// Local units.
     fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64;
+
+    /// As [`Term::forces`] without damping, at the displacements `u`.
+    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64;
+
+    /// The energy alone that [`Term::elastic`] returns.
+    fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64;
+
+    /// Whether there is any damping.
+    fn damped(&self) -> bool {
+        false
+    }
+
+    /// Takes note of the displacements at which [`Term::resist`] and the damping of
+    /// [`Term::linearise`] are to be taken, as far as they are kept.
+    fn lag(&mut self, _: &Plan, _: &[V4<T>]) {}
+
+    /// Adds the forces of the damping alone, D(u) being taken at the displacements `at.u`, which
+    /// are those of the last [`Term::lag`]. Returns the chunk's share of ½ v·D v.
+    fn resist(&self, _: usize, _: At<'_, T>, _: &mut [V4<T>]) -> f64 {
+        0.0
+    }
+
+    /// Says whether the stiffness is to be linearised without what is not positive semidefinite;
+    /// terms that never have any of that ignore it.
+    fn project(&mut self, _: bool) {}
 
     /// Linearises the term at a state for steps of length `h`, and adds its share of the system;
     /// what [`Term::multiply`] needs is kept.

@@ -81,6 +81,15 @@ pub fn to_metres<T: Real>(v: V4<T>, unit: f64) -> DVec3 {
     DVec3::new(v[0].wide(), v[1].wide(), v[2].wide()) * unit
 }
 
+/// As [`inverse`], and whether the block is positive definite.
+pub fn inverse_definite<T: Real>(m: &Symmetric<T>) -> (Columns<T>, bool) {
+    let [a, b, c, d, e, f, ..] = m.map(Real::wide);
+    let minor = a * b - d * d;
+    let determinant = c * minor - f * (a * f - d * e) - e * (b * e - d * f);
+    let definite = a > 0.0 && minor > 0.0 && determinant > 0.0;
+    (inverse(m), definite)
+}
+
 /// The inverse of a symmetric block that is positive definite; of one that is not to the digits of
 /// T, that of its plain diagonal.
 pub fn inverse<T: Real>(m: &Symmetric<T>) -> Columns<T> {

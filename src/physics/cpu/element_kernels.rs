@@ -1,0 +1,183 @@
+//! Energy, stress and second derivatives of four tets at a time. They share nothing with the
+//! plain form in `physics::elements`.
+//!
+//! With G = F − I nothing cancels where strains are small:
+//! |F|² − 3 = 2 tr G + |G|², J − 1 = tr G + tr cof G + det G.
+
+use super::element_batches::{
+    Batch, L3, L33, cofactor, cofactor_of_gradient, cross, dot, times, with_unit,
+};
+use super::element_svd::Svd;
+use super::lanes::Lane;
+use super::real::Real;
+use super::vectors::V4;
+use crate::physics::Law;
+
+/// Pairs of a tet's nodes, the ones of its blocks off the diagonal.
+pub(super) const PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+impl<T: Real> Batch<T> {
+    /// Energy of each tet at displacements with the gradient `g`.
+    #[inline(always)]
+    pub fn energy(&self, law: Law, g: &L33<T::Lanes>) -> T::Lanes {
+        let half = T::Lanes::of(0.5);
+        let [mu, lambda] = self.lame;
+        let small = cofactor(g);
+        let turn = small[0][0] + small[1][1] + small[2][2];
+        let bulge = dot(small[0], g[0]);
+        let growth = (g[0][0] + g[1][1] + g[2][2]) + turn + bulge;
+        let shear = match law {
+            Law::NeoHookean => {
+                let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
+                half * square - turn - bulge
+            }
+            Law::Corotated => {
+                let m = Svd::new(g).stretch;
+                dot(m, m)
+            }
+        };
+        mu * shear + half * lambda * growth * growth
+    }
+
+    /// P times the volume, by columns, and the energy.
+    #[inline(always)]
+    pub fn stress(&self, law: Law, g: &L33<T::Lanes>) -> (L33<T::Lanes>, T::Lanes) {
+        let (c, less, growth) = cofactor_of_gradient(g);
+        let [mu, lambda] = self.lame;
+        let (half, pressure) = (T::Lanes::of(0.5), lambda * growth);
+        match law {
+            Law::NeoHookean => {
+                let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
+                let trace = g[0][0] + g[1][1] + g[2][2];
+                let energy = mu * (half * square - (growth - trace)) + half * pressure * growth;
+                // F − cof F, of which the units are gone.
+                let stress = combine(|j, i| mu * (g[j][i] - less[j][i]) + pressure * c[j][i]);
+                (stress, energy)
+            }
+            Law::Corotated => {
+                let svd = Svd::new(g);
+                let m = svd.stretch;
+                let energy = mu * dot(m, m) + half * pressure * growth;
+                let bent = svd.with(m.map(|x| (mu + mu) * x));
+                (combine(|j, i| bent[j][i] + pressure * c[j][i]), energy)
+            }
+        }
+    }
+
+    /// How P times the volume changes when F does by `d`: exactly.
+    #[inline(always)]
+    pub fn stress_change(&self, law: Law, g: &L33<T::Lanes>, d: &L33<T::Lanes>) -> L33<T::Lanes> {
+        let [mu, lambda] = self.lame;
+        let (c, _, growth) = cofactor_of_gradient(g);
+        let pressure = lambda * growth;
+        let change = lambda * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2]));
+        let f = with_unit(g);
+        let turning = |j: usize| -> L3<T::Lanes> {
+            let (k, l) = ((j + 1) % 3, (j + 2) % 3);
+            let (a, b) = (cross(d[k], f[l]), cross(f[k], d[l]));
+            std::array::from_fn(|i| a[i] + b[i])
+        };
+        let turning: L33<T::Lanes> = std::array::from_fn(turning);
+        match law {
+            Law::NeoHookean => combine(|j, i| {
+                mu * d[j][i] + change * c[j][i] + (pressure - mu) * turning[j][i]
+            }),
+            Law::Corotated => {
+                let turned = Svd::new(g).rotation_change(d);
+                let two = mu + mu;
+                combine(|j, i| {
+                    two * (d[j][i] - turned[j][i]) + change * c[j][i] + pressure * turning[j][i]
+                })
+            }
+        }
+    }
+
+    /// The six blocks off the diagonal of the second derivatives, in the order of [`PAIRS`],
+    /// times `scale`: for each tet the three columns of each block.
+    #[inline(always)]
+    pub fn blocks(
+        &self,
+        law: Law,
+        g: &L33<T::Lanes>,
+        projected: bool,
+        scale: T::Lanes,
+        mut take: impl FnMut(usize, [[V4<T>; 3]; 4]),
+    ) {
+        let lame = self.lame.map(|l| l * scale);
+        let gradients = self.all_gradients();
+        if law == Law::NeoHookean && !projected {
+            let f = with_unit(g);
+            let (c, _, growth) = cofactor_of_gradient(g);
+            let [mu, lambda] = lame;
+            let s = lambda * growth - mu;
+            let cg = gradients.map(|g| times(&c, g));
+            for (n, [a, b]) in PAIRS.iter().enumerate() {
+                // μ g_a·g_b I + λ (C g_a)(C g_b)ᵀ − s [F (g_a × g_b)]×.
+                let (ga, gb) = (gradients[*a], gradients[*b]);
+                let along = mu * dot(ga, gb);
+                let w = times(&f, cross(ga, gb)).map(|x| s * x);
+                let left = cg[*a].map(|x| lambda * x);
+                let mut block: L33<T::Lanes> =
+                    std::array::from_fn(|j| left.map(|x| x * cg[*b][j]));
+                for (k, column) in block.iter_mut().enumerate() {
+                    column[k] = column[k] + along;
+                }
+                block[1][0] = block[1][0] + w[2];
+                block[2][0] = block[2][0] - w[1];
+                block[0][1] = block[0][1] - w[2];
+                block[2][1] = block[2][1] + w[0];
+                block[0][2] = block[0][2] + w[1];
+                block[1][2] = block[1][2] - w[0];
+                take(n, tets_apart::<T>(&block));
+            }
+        } else {
+            let svd = Svd::new(g);
+            let curvature = svd.curvature(law, lame, projected);
+            let turned = gradients.map(|g| svd.v.map(|v| dot(v, g)));
+            for (n, [a, b]) in PAIRS.iter().enumerate() {
+                take(n, tets_apart::<T>(&curvature.block(turned[*a], turned[*b])));
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn all_gradients(&self) -> [L3<T::Lanes>; 4] {
+        let [a, b, c] = self.gradients;
+        let rest = std::array::from_fn(|i| -(a[i] + b[i] + c[i]));
+        [rest, a, b, c]
+    }
+}
+
+impl<L: Lane> Svd<L> {
+    /// How the rotation U Vᵀ changes when F does by `d`, by columns.
+    #[inline(always)]
+    fn rotation_change(&self, d: &L33<L>) -> L33<L> {
+        // Uᵀ d V.
+        let dv = self.v.map(|v| times(d, v));
+        let inner: L33<L> = std::array::from_fn(|j| std::array::from_fn(|i| dot(self.u[i], dv[j])));
+        let ridge = L::of(1e-4);
+        let turn = |i: usize, j: usize| {
+            (inner[j][i] - inner[i][j]) / (self.sigma[i] + self.sigma[j]).or_more(ridge)
+        };
+        let zero = L::of(0.0);
+        let (a, b, c) = (turn(0, 1), turn(0, 2), turn(1, 2));
+        // By columns, skew.
+        let omega = [[zero, -a, -b], [a, zero, -c], [b, c, zero]];
+        let uw = omega.map(|column| times(&self.u, column));
+        let v = &self.v;
+        combine(|j, i| uw[0][i] * v[0][j] + uw[1][i] * v[1][j] + uw[2][i] * v[2][j])
+    }
+}
+
+#[inline(always)]
+fn combine<L: Lane>(entry: impl Fn(usize, usize) -> L) -> L33<L> {
+    std::array::from_fn(|j| std::array::from_fn(|i| entry(j, i)))
+}
+
+/// The block of each tet, its columns padded.
+#[inline(always)]
+fn tets_apart<T: Real>(block: &L33<T::Lanes>) -> [[V4<T>; 3]; 4] {
+    let zero = T::Lanes::of(0.0);
+    let columns = block.map(|[x, y, z]| T::Lanes::transpose([x, y, z, zero]));
+    std::array::from_fn(|l| columns.map(|c| T::array(c[l])))
+}

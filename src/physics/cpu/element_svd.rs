@@ -1,0 +1,235 @@
+//! F = U Σ Vᵀ of four tets at a time, without branches, and what of the second derivatives of an
+//! isotropic energy can be said in that frame.
+//!
+//! U and V are rotations: of the σ, descending in size, only the last is negative, where F is
+//! inverted. The second derivatives of Ψ(σ) by F in that frame (Stomakhin et al. 2012; Smith, de
+//! Goes & Kim 2019, "Analytic Eigensystems for Isotropic Distortion Energies") are a 3×3 matrix
+//! ∂²Ψ/∂σ², and for each pair of axes a twist (Ψ_i + Ψ_j)/(σ_i + σ_j) and a flip
+//! (Ψ_i − Ψ_j)/(σ_i − σ_j).
+
+use super::element_batches::{L3, L33, cross, dot, times, with_unit};
+use super::lanes::Lane;
+use crate::physics::Law;
+
+/// What a twist is divided by, at least: the corotated energy has a ridge where it is zero.
+const RIDGE: f64 = 1e-4;
+
+/// The parts of F.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Svd<L> {
+    /// Columns.
+    pub u: L33<L>,
+    /// Columns.
+    pub v: L33<L>,
+    /// Σ.
+    pub sigma: L3<L>,
+    /// Σ − 1.
+    pub stretch: L3<L>,
+}
+
+/// Second derivatives of the energy by F, times the volume, in the frame of the tet.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Curvature<L> {
+    u: L33<L>,
+    /// xx, yy, zz, yz, xz, xy of ∂²Ψ/∂σ².
+    a: [L; 6],
+    /// How P_ij goes with F_ij, where k is neither i nor j.
+    p: L3<L>,
+    /// And with F_ji.
+    q: L3<L>,
+}
+
+/// One of Jacobi's rotations: makes a_pq zero.
+#[inline(always)]
+fn rotate<L: Lane>(a: &mut L33<L>, v: &mut L33<L>, p: usize, q: usize) {
+    let (one, four) = (L::of(1.0), L::of(4.0));
+    let d = a[q][q] - a[p][p];
+    let apq = a[p][q];
+    let reach = d.size() + (d * d + four * apq * apq).root();
+    let t = (apq + apq) / reach.above(L::of(0.0), reach, one);
+    let t = L::of(0.0).above(d, -t, t);
+    let c = one / (t * t + one).root();
+    let s = t * c;
+    let r = 3 - p - q;
+    let (arp, arq) = (a[r][p], a[r][q]);
+    a[p][p] = a[p][p] - t * apq;
+    a[q][q] = a[q][q] + t * apq;
+    a[p][q] = L::of(0.0);
+    a[q][p] = a[p][q];
+    a[r][p] = c * arp - s * arq;
+    a[p][r] = a[r][p];
+    a[r][q] = s * arp + c * arq;
+    a[q][r] = a[r][q];
+    let (x, y) = (v[p], v[q]);
+    v[p] = std::array::from_fn(|i| c * x[i] - s * y[i]);
+    v[q] = std::array::from_fn(|i| s * x[i] + c * y[i]);
+}
+
+/// Makes a symmetric matrix diagonal; returns its eigenvectors as columns.
+#[inline(always)]
+fn diagonalise<L: Lane>(a: &mut L33<L>) -> L33<L> {
+    let mut v = with_unit(&[[L::of(0.0); 3]; 3]);
+    for _ in 0..L::SWEEPS {
+        rotate(a, &mut v, 0, 1);
+        rotate(a, &mut v, 0, 2);
+        rotate(a, &mut v, 1, 2);
+    }
+    v
+}
+
+impl<L: Lane> Svd<L> {
+    /// Of F = I + `g`.
+    #[inline(always)]
+    pub fn new(g: &L33<L>) -> Svd<L> {
+        // FᵀF − I, in which nothing cancels; its eigenvalues are σ² − 1.
+        let mut strain: L33<L> = std::array::from_fn(|j| {
+            std::array::from_fn(|i| g[j][i] + g[i][j] + dot(g[i], g[j]))
+        });
+        let mut v = diagonalise(&mut strain);
+        let mut e = [strain[0][0], strain[1][1], strain[2][2]];
+        for (p, q) in [(0, 1), (1, 2), (0, 1)] {
+            let (a, b) = (e[p], e[q]);
+            e[p] = b.above(a, b, a);
+            e[q] = b.above(a, a, b);
+            // Turned a quarter, not swapped: V stays a rotation.
+            let (x, y) = (v[p], v[q]);
+            v[p] = std::array::from_fn(|i| b.above(a, y[i], x[i]));
+            v[q] = std::array::from_fn(|i| b.above(a, -x[i], y[i]));
+        }
+        let f = with_unit(g);
+        let w = v.map(|v| times(&f, v));
+        let (zero, one, tiny) = (L::of(0.0), L::of(1.0), L::of(L::TINY));
+        let n0 = dot(w[0], w[0]);
+        let point = L::of(1e-30);
+        let over = one / n0.above(point, n0, one).root();
+        // Of a tet that is a point any frame will do; of one that is a line, any across it.
+        let u0: L3<L> = std::array::from_fn(|i| {
+            n0.above(point, w[0][i] * over, if i == 0 { one } else { zero })
+        });
+        let d = dot(u0, w[1]);
+        let across: L3<L> = std::array::from_fn(|i| w[1][i] - d * u0[i]);
+        let x = u0[0].size().above(L::of(0.8), zero, one);
+        let any = cross(u0, [x, one - x, zero]);
+        let thin = tiny * n0 + point;
+        let n1 = dot(across, across);
+        let u1: L3<L> = std::array::from_fn(|i| n1.above(thin, across[i], any[i]));
+        let over = one / dot(u1, u1).root();
+        let u1 = u1.map(|x| x * over);
+        // Where it was nearly a line, rounding left something along u0.
+        let d = dot(u0, u1);
+        let u1: L3<L> = std::array::from_fn(|i| u1[i] - d * u0[i]);
+        let over = one / dot(u1, u1).root();
+        let u1 = u1.map(|x| x * over);
+        let u = [u0, u1, cross(u0, u1)];
+        let sigma: L3<L> = std::array::from_fn(|i| dot(u[i], w[i]));
+        let stretch = std::array::from_fn(|i| {
+            let s = sigma[i];
+            s.above(L::of(0.5), e[i] / (one + s.or_more(zero)), s - one)
+        });
+        Svd {
+            u,
+            v,
+            sigma,
+            stretch,
+        }
+    }
+
+    /// U d Vᵀ for a diagonal d, by columns.
+    #[inline(always)]
+    pub fn with(&self, d: L3<L>) -> L33<L> {
+        let v = &self.v;
+        let scaled: L33<L> = std::array::from_fn(|k| self.u[k].map(|x| x * d[k]));
+        std::array::from_fn(|j| {
+            std::array::from_fn(|i| {
+                scaled[0][i] * v[0][j] + scaled[1][i] * v[1][j] + scaled[2][i] * v[2][j]
+            })
+        })
+    }
+
+    /// The curvature of `law`, times what `lame` is times; without its negative eigenvalues, if it
+    /// is to be `projected`.
+    #[inline(always)]
+    pub fn curvature(&self, law: Law, [mu, lambda]: [L; 2], projected: bool) -> Curvature<L> {
+        let (s, one, half, zero) = (self.sigma, L::of(1.0), L::of(0.5), L::of(0.0));
+        let m = &self.stretch;
+        // J − 1 from the stretches.
+        let pairs = m[0] * m[1] + m[1] * m[2] + m[2] * m[0];
+        let growth = (m[0] + m[1] + m[2]) + pairs + m[0] * m[1] * m[2];
+        let pressure = lambda * growth;
+        let rest = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
+        let clamp = |x: L| if projected { x.or_more(zero) } else { x };
+        let across = match law {
+            Law::NeoHookean => pressure - mu,
+            Law::Corotated => pressure,
+        };
+        let (mut p, mut q) = ([zero; 3], [zero; 3]);
+        for k in 0..3 {
+            let (twist, flip) = match law {
+                Law::NeoHookean => (mu + across * s[k], mu - across * s[k]),
+                Law::Corotated => {
+                    let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+                    let sum = (s[i] + s[j]).or_more(L::of(RIDGE));
+                    let two = mu + mu;
+                    // 2 μ (σ_i + σ_j − 2)/(σ_i + σ_j).
+                    (two * (m[i] + m[j]) / sum + across * s[k], two - across * s[k])
+                }
+            };
+            let (twist, flip) = (clamp(twist), clamp(flip));
+            p[k] = half * (twist + flip);
+            q[k] = half * (flip - twist);
+        }
+        let own = match law {
+            Law::NeoHookean => mu,
+            Law::Corotated => mu + mu,
+        };
+        let j = growth + one;
+        let mut a: L33<L> = std::array::from_fn(|i| {
+            std::array::from_fn(|k| match i == k {
+                true => own + lambda * rest[i] * rest[i],
+                false => s[3 - i - k] * (lambda * j + across),
+            })
+        });
+        if projected {
+            let v = diagonalise(&mut a);
+            let e = [a[0][0], a[1][1], a[2][2]].map(|x| x.or_more(zero));
+            a = std::array::from_fn(|i| {
+                std::array::from_fn(|k| {
+                    e[0] * v[0][i] * v[0][k] + e[1] * v[1][i] * v[1][k] + e[2] * v[2][i] * v[2][k]
+                })
+            });
+        }
+        Curvature {
+            u: self.u,
+            a: [a[0][0], a[1][1], a[2][2], a[1][2], a[0][2], a[0][1]],
+            p,
+            q,
+        }
+    }
+}
+
+impl<L: Lane> Curvature<L> {
+    /// The block between two nodes with the gradients `x` and `y` in the frame of V (Vᵀ g), by
+    /// columns.
+    #[inline(always)]
+    pub fn block(&self, x: L3<L>, y: L3<L>) -> L33<L> {
+        let m: L33<L> = std::array::from_fn(|k| {
+            std::array::from_fn(|i| match i == k {
+                true => {
+                    let (j, l) = ((i + 1) % 3, (i + 2) % 3);
+                    self.a[i] * x[i] * y[i]
+                        + self.p[l] * x[j] * y[j]
+                        + self.p[j] * x[l] * y[l]
+                }
+                false => {
+                    self.a[6 - i - k] * x[i] * y[k] + self.q[3 - i - k] * x[k] * y[i]
+                }
+            })
+        });
+        // U m Uᵀ.
+        let um = m.map(|column| times(&self.u, column));
+        let u = &self.u;
+        std::array::from_fn(|j| {
+            std::array::from_fn(|i| um[0][i] * u[0][j] + um[1][i] * u[1][j] + um[2][i] * u[2][j])
+        })
+    }
+}

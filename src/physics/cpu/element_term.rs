@@ -1,0 +1,333 @@
+//! Tets of hyperelastic material as a term of a body's energy.
+//!
+//! A chunk of nodes has the tets of which all nodes are its own, and those of which some are; the
+//! latter are computed by every chunk that has a node of them, so that no chunk writes to
+//! another's nodes.
+
+use super::block_rows::Rows;
+use super::element_batches::Batch;
+use super::lanes::Lane;
+use super::pool::{Chunks, Nodes, Plan};
+use super::real::Real;
+use super::terms::{At, Share, Term};
+use super::vectors::{Columns, V4, scale, sub, total, zero};
+use crate::physics::{Element, Law, SpringNetwork, Units};
+use glam::{DMat3, DVec3};
+
+/// Tets of a chunk, four at a time.
+#[derive(Clone, Debug, Default)]
+struct List<T: Real> {
+    batches: Vec<Batch<T>>,
+    /// Where each tet's blocks go, in the order of the pairs of its nodes.
+    places: Vec<[[u32; 6]; 4]>,
+    /// 1, or 0 for tets whose energy another chunk counts.
+    counted: Vec<V4<T>>,
+}
+
+/// The tets of a chunk of nodes.
+#[derive(Clone, Debug)]
+struct Chunk<T: Real> {
+    first: usize,
+    /// All of their nodes are in the chunk.
+    inner: List<T>,
+    /// Some are.
+    outer: List<T>,
+    rows: Rows<T>,
+    /// β K of the damping, in the pattern of the rows.
+    damping: Vec<Columns<T>>,
+    /// α m of every node, where there is an α.
+    drag: Vec<T>,
+}
+
+/// All tets of a body.
+#[derive(Clone, Debug)]
+pub struct Tets<T: Real> {
+    law: Law,
+    chunks: Vec<Chunk<T>>,
+    /// β, local units.
+    damping: T,
+    projected: bool,
+}
+
+/// What is made of the tets of a chunk when they are linearised.
+#[derive(Clone, Copy)]
+struct How<T> {
+    law: Law,
+    projected: bool,
+    /// What the blocks are multiplied by.
+    scale: T,
+    /// What β K is, that is added.
+    damping: T,
+}
+
+impl<T: Real> Tets<T> {
+    /// The elements of `network`, of which node `order[k]` is the engine's k-th, shared out by
+    /// `plan`; `implicit` if they are to be linearised.
+    pub fn new(
+        network: &SpringNetwork,
+        (order, units, plan): (&[u32], Units, &Plan),
+        implicit: bool,
+    ) -> Tets<T> {
+        let mut place = vec![0u32; order.len()];
+        for (k, v) in order.iter().enumerate() {
+            place[*v as usize] = k as u32;
+        }
+        let tets = &network.elements.tets;
+        // Nodes ascending, so that blocks above the diagonal are those of the pairs.
+        let mut sorted: Vec<([u32; 4], [usize; 4], u32)> = tets
+            .iter()
+            .enumerate()
+            .map(|(t, tet)| {
+                let nodes = tet.nodes.map(|v| place[v as usize]);
+                let mut turn = [0, 1, 2, 3];
+                turn.sort_unstable_by_key(|a| nodes[*a]);
+                (turn.map(|a| nodes[a]), turn, t as u32)
+            })
+            .collect();
+        sorted.sort_unstable();
+        let mut lists = vec![(Vec::new(), Vec::new()); plan.chunks()];
+        for tet in sorted {
+            let mut homes = tet.0.map(|v| plan.chunk_of(v as usize)).to_vec();
+            homes.dedup();
+            match homes[..] {
+                [home] => lists[home].0.push((tet, true)),
+                _ => {
+                    for (n, home) in homes.iter().enumerate() {
+                        lists[*home].1.push((tet, n == 0));
+                    }
+                }
+            }
+        }
+        let alpha = network.elements.mass_damping / units.damping();
+        let drag = |v: &u32| T::of(alpha * network.masses[*v as usize]);
+        let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
+            let mine = || inner.iter().chain(&outer).map(|t| &t.0.0);
+            let rows = match implicit {
+                true => Rows::new(plan.range(c), mine()),
+                false => Rows::default(),
+            };
+            let fill = plan.range(c).start as u32;
+            let list = |own: &[_]| List::new(own, tets, &units, &rows, fill);
+            Chunk {
+                first: plan.range(c).start,
+                inner: list(&inner),
+                outer: list(&outer),
+                damping: Vec::new(),
+                drag: order[plan.range(c)].iter().filter(|_| alpha > 0.0).map(drag).collect(),
+                rows,
+            }
+        });
+        let mut tets = Tets {
+            law: network.elements.law,
+            chunks: chunks.collect(),
+            damping: T::of(network.damping_time / units.time),
+            projected: false,
+        };
+        if tets.damping > T::ZERO {
+            for chunk in &mut tets.chunks {
+                chunk.damping = vec![[zero(); 3]; chunk.rows.values.len()];
+            }
+        }
+        tets
+    }
+}
+
+/// A tet, its nodes ascending, with the places they had; and whether its energy is counted.
+type Listed = (([u32; 4], [usize; 4], u32), bool);
+
+impl<T: Real> List<T> {
+    fn new(own: &[Listed], tets: &[Element], units: &Units, rows: &Rows<T>, fill: u32) -> List<T> {
+        let mut list = List::default();
+        for four in own.chunks(4) {
+            let mut nodes = [[fill; 4]; 4];
+            let mut gradients = [[[T::ZERO; 4]; 3]; 3];
+            let mut lame = [[T::ZERO; 4]; 2];
+            let mut places = [[0; 6]; 4];
+            let mut counted = [T::ZERO; 4];
+            for (l, ((sorted, turn, t), counts)) in four.iter().enumerate() {
+                let tet = &tets[*t as usize];
+                nodes[l] = *sorted;
+                let all = tet.gradients();
+                for k in 0..3 {
+                    let g: DVec3 = all[turn[k + 1]] * units.length;
+                    for (axis, x) in g.to_array().into_iter().enumerate() {
+                        gradients[k][axis][l] = T::of(x);
+                    }
+                }
+                for (to, modulus) in lame.iter_mut().zip(tet.lame) {
+                    to[l] = T::of(modulus * tet.volume / units.energy());
+                }
+                for (place, [a, b]) in places[l].iter_mut().zip(super::element_kernels::PAIRS) {
+                    *place = rows.place(sorted[a], sorted[b]);
+                }
+                counted[l] = T::of_bit(u32::from(*counts));
+            }
+            list.batches.push(Batch {
+                nodes,
+                gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
+                lame: lame.map(|l| T::lanes(&l)),
+            });
+            list.places.push(places);
+            list.counted.push(counted);
+        }
+        list
+    }
+
+    fn energy(&self, law: Law, u: &[V4<T>]) -> f64 {
+        let batches = self.batches.iter().zip(&self.counted);
+        batches
+            .map(|(batch, counted)| {
+                let energy = batch.energy(law, &batch.gradient(u));
+                total(T::array(energy * T::lanes(counted)))
+            })
+            .sum()
+    }
+
+    /// Adds the forces; of velocities `v`, if there are any, also those of the damping β.
+    #[inline(always)]
+    fn forces<const INNER: bool, const DAMPED: bool>(
+        &self,
+        law: Law,
+        (u, v, damping): (&[V4<T>], &[V4<T>], T),
+        first: usize,
+        f: &mut [V4<T>],
+    ) -> f64 {
+        let mut sum = 0.0;
+        for (batch, counted) in self.batches.iter().zip(&self.counted) {
+            let g = batch.gradient(u);
+            let (mut stress, energy) = batch.stress(law, &g);
+            if DAMPED {
+                let change = batch.stress_change(law, &g, &batch.gradient(v));
+                for (s, c) in stress.as_flattened_mut().iter_mut().zip(change.as_flattened()) {
+                    *s = *s + damping.splat() * *c;
+                }
+            }
+            batch.scatter::<INNER>(&stress, first, f);
+            sum += total(T::array(energy * T::lanes(counted)));
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn assemble<const INNER: bool>(&self, how: How<T>, u: &[V4<T>], rows: &mut Rows<T>) {
+        for (batch, places) in self.batches.iter().zip(&self.places) {
+            let g = batch.gradient(u);
+            let scale = how.scale.splat();
+            batch.blocks(how.law, &g, how.projected, scale, |n, blocks| {
+                for (block, places) in blocks.iter().zip(places) {
+                    match INNER {
+                        true => rows.add(places[n], block),
+                        false => rows.add_placed(places[n], block),
+                    }
+                }
+            });
+        }
+    }
+}
+
+impl<T: Real> Chunk<T> {
+    fn assemble(&mut self, how: How<T>, u: &[V4<T>]) {
+        if how.damping > T::ZERO {
+            for (to, from) in self.rows.values.iter_mut().zip(&self.damping) {
+                *to = from.map(|c| scale(how.damping, c));
+            }
+        } else {
+            self.rows.values.fill([zero(); 3]);
+        }
+        self.inner.assemble::<true>(how, u, &mut self.rows);
+        self.outer.assemble::<false>(how, u, &mut self.rows);
+        self.rows.finish();
+    }
+}
+
+impl<T: Real> Term<T> for Tets<T> {
+    fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let drag = &self.chunks[chunk].drag;
+        let velocities = &at.v[self.chunks[chunk].first..];
+        for ((f, v), c) in f.iter_mut().zip(velocities).zip(drag) {
+            *f = sub(*f, scale(*c, *v));
+        }
+        if self.damping == T::ZERO {
+            return self.elastic(chunk, at.u, f);
+        }
+        let chunk = &self.chunks[chunk];
+        let (with, first) = ((at.u, at.v, self.damping), chunk.first);
+        chunk.inner.forces::<true, true>(self.law, with, first, f)
+            + chunk.outer.forces::<false, true>(self.law, with, first, f)
+    }
+
+    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        let chunk = &self.chunks[chunk];
+        let (with, first) = ((u, u, T::ZERO), chunk.first);
+        chunk.inner.forces::<true, false>(self.law, with, first, f)
+            + chunk.outer.forces::<false, false>(self.law, with, first, f)
+    }
+
+    fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
+        let chunk = &self.chunks[chunk];
+        chunk.inner.energy(self.law, u) + chunk.outer.energy(self.law, u)
+    }
+
+    fn lag(&mut self, plan: &Plan, u: &[V4<T>]) {
+        if self.damping == T::ZERO {
+            return;
+        }
+        let how = How {
+            law: self.law,
+            projected: true,
+            scale: self.damping,
+            damping: T::ZERO,
+        };
+        plan.each((Chunks(&mut self.chunks), ()), &|_, _, (chunks, ())| {
+            for chunk in chunks.0 {
+                chunk.assemble(how, u);
+                std::mem::swap(&mut chunk.rows.values, &mut chunk.damping);
+            }
+            []
+        });
+    }
+
+    fn damped(&self) -> bool {
+        self.damping > T::ZERO
+    }
+
+    fn resist(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let Chunk { rows, damping, .. } = &self.chunks[chunk];
+        if damping.is_empty() {
+            return 0.0;
+        }
+        0.5 * rows.resist(damping, at.v, f)
+    }
+
+    fn project(&mut self, projected: bool) {
+        self.projected = projected;
+    }
+
+    fn linearise(&mut self, plan: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
+        let how = How {
+            law: self.law,
+            projected: self.projected,
+            scale: h * h,
+            damping: if self.damping > T::ZERO { h } else { T::ZERO },
+        };
+        let data = (Chunks(&mut self.chunks), Nodes(share.diagonal));
+        plan.each(data, &|_, _, (chunks, diagonal)| {
+            for chunk in chunks.0 {
+                chunk.assemble(how, at.u);
+                chunk.rows.add_diagonal(diagonal.0);
+            }
+            []
+        });
+    }
+
+    fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
+        let rows = &self.chunks[chunk].rows;
+        rows.multiply(&rows.values, p, y);
+    }
+
+    fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        for chunk in &self.chunks {
+            chunk.rows.pairs(visit);
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! Four numbers in one register, which kernels are written in: each lane is another tet.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// Four numbers of the engine's.
+pub trait Lane:
+    Copy
+    + Send
+    + Sync
+    + std::fmt::Debug
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + 'static
+{
+    /// Sweeps of Jacobi's rotations after which 3×3 matrices are diagonal to all digits.
+    const SWEEPS: usize;
+    /// What is as good as zero beside 1, squared.
+    const TINY: f64;
+    /// The same number in all lanes.
+    fn of(x: f64) -> Self;
+    /// The square root.
+    fn root(self) -> Self;
+    /// The absolute value.
+    fn size(self) -> Self;
+    /// The larger.
+    fn or_more(self, other: Self) -> Self;
+    /// `yes` where this is more than `than`, else `no`.
+    fn above(self, than: Self, yes: Self, no: Self) -> Self;
+    /// Lane j of the i-th as lane i of the j-th.
+    fn transpose(rows: [Self; 4]) -> [Self; 4];
+}
+
+macro_rules! lane {
+    ($vector:ty, $matrix:ty, $real:ty, $sweeps:expr, $tiny:expr) => {
+        impl Lane for $vector {
+            const SWEEPS: usize = $sweeps;
+            const TINY: f64 = $tiny;
+            #[inline(always)]
+            fn of(x: f64) -> Self {
+                <$vector>::splat(x as $real)
+            }
+            #[inline(always)]
+            fn root(self) -> Self {
+                self.sqrt()
+            }
+            #[inline(always)]
+            fn size(self) -> Self {
+                self.abs()
+            }
+            #[inline(always)]
+            fn or_more(self, other: Self) -> Self {
+                self.max(other)
+            }
+            #[inline(always)]
+            fn above(self, than: Self, yes: Self, no: Self) -> Self {
+                <$vector>::select(self.cmpgt(than), yes, no)
+            }
+            #[inline(always)]
+            fn transpose([a, b, c, d]: [Self; 4]) -> [Self; 4] {
+                let m = <$matrix>::from_cols(a, b, c, d).transpose();
+                [m.x_axis, m.y_axis, m.z_axis, m.w_axis]
+            }
+        }
+    };
+}
+
+lane!(glam::Vec4, glam::Mat4, f32, 4, 1e-13);
+lane!(glam::DVec4, glam::DMat4, f64, 6, 1e-30);

@@ -1,0 +1,479 @@
+//! Implicit steps as minimisations, by Newton's method.
+//!
+//! The incremental potential of a step (Gast et al. 2015, "Optimization Integrator for Large Time
+//! Steps", section 4) is, with δ from the start of the step and the rest as in [`super::rules`],
+//!
+//! Φ(δ) = ½ |δ − δ̂|²_M / γ² + E(x + δ) + γ (½ w·D w + ½ α |w|²_M), δ̂ = b + γ ṽ + γ² M⁻¹ f,
+//!
+//! D being lagged. Newton starts at the best of a few guesses, which is what decides how far one
+//! iteration comes; the resting point x is among them, for from it any wreck recovers. The second
+//! derivatives are exact as long as that goes well, and projected for a few solves where it does
+//! not.
+
+use super::cg::{Matrix, Stop};
+use super::guesses::{Guess, Guesses};
+use super::implicit::{Implicit, Scene};
+use super::loads::Loads;
+use super::pool::{Nodes, Plan};
+use super::potential::Trial;
+use super::real::Real;
+use super::rules::{Form, Rule};
+use super::terms::{At, Term};
+use super::vectors::{V4, add_scaled, apply, inverse_definite, scale, sub, total, zero};
+use crate::physics;
+
+/// Solves for which blocks are projected once exact ones failed.
+const PROJECTED: u32 = 8;
+
+/// A step of the line search is taken that lowers Φ by this part of what its slope promises.
+const ENOUGH: f64 = 1e-4;
+
+/// The shortest step of the line search.
+const SHORTEST: f64 = 1e-3;
+
+/// An iteration that lowered Φ by this part of what it should have, or by its inverse, is followed
+/// by another.
+const TRUST: f64 = 0.7;
+
+/// The minimisation of a step, and its vectors.
+#[derive(Clone, Debug)]
+pub struct Minimiser<T> {
+    /// When it stops.
+    pub settings: physics::Newton,
+    /// The rule.
+    pub rule: Rule,
+    /// α, in local units.
+    pub mass_damping: f64,
+    /// Solves left for which blocks are projected.
+    pub projected: u32,
+    /// (1 + α γ) m.
+    masses: Vec<T>,
+    guesses: Guesses<T>,
+    best: Trial<T>,
+    trial: Trial<T>,
+    /// What damping is taken at.
+    lagged: Vec<V4<T>>,
+    forces: Vec<V4<T>>,
+}
+
+/// What a step starts from besides the state.
+#[derive(Clone, Copy)]
+pub struct Outside<'a, T> {
+    /// What acts from outside.
+    pub loads: &'a Loads<T>,
+    /// Inverse masses; 0 for nodes that stay.
+    pub inverse: &'a [T],
+    /// Length of the step before, local units; 0 for none.
+    pub last: f64,
+}
+
+/// How a minimisation went.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Descent {
+    /// Iterations of conjugate gradients.
+    pub iterations: u32,
+    /// Newton iterations.
+    pub rounds: u32,
+    /// The residual at the end of the last linear solve, over that at its start.
+    pub residual: f64,
+    /// The energy of the terms where forces are taken.
+    pub elastic: f64,
+    /// Which guess it began from.
+    pub guess: Option<Guess>,
+}
+
+impl<T: Real> Minimiser<T> {
+    /// For a body shared out by `plan`.
+    pub fn new(plan: &Plan, settings: physics::Newton, mass_damping: f64) -> Minimiser<T> {
+        let nodes = plan.nodes();
+        Minimiser {
+            settings,
+            rule: Rule::Euler,
+            mass_damping,
+            projected: 0,
+            masses: vec![T::ZERO; nodes],
+            guesses: Guesses::new(nodes),
+            best: Trial::new(nodes),
+            trial: Trial::new(nodes),
+            lagged: Vec::new(),
+            forces: vec![zero(); nodes],
+        }
+    }
+
+    /// What damping was last taken at; nothing where there is none.
+    pub fn lagged(&self) -> &[V4<T>] {
+        &self.lagged
+    }
+
+    /// What a step of `h` is by the rule, after what `implicit` remembers.
+    fn form(&self, implicit: &Implicit<T>, h: f64, last: f64) -> Form {
+        let known = if implicit.solver.count == 2 { last } else { 0.0 };
+        self.rule.form(h, known)
+    }
+
+    /// Finds δ. `None` where no guess has an energy that is a number.
+    pub fn step(
+        &mut self,
+        implicit: &mut Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        outside: Outside<'_, T>,
+        h: f64,
+    ) -> Option<Descent> {
+        let form = self.form(implicit, h, outside.last);
+        self.weigh_masses(scene, form.gamma);
+        self.lag(scene, terms, form);
+        let known = &implicit.solver.known;
+        let history = (implicit.solver.count == 2).then_some(known);
+        self.guesses.prepare(scene, outside, history, form);
+        let mut descent = Descent {
+            guess: Some(self.start(scene, terms, form)?),
+            ..Descent::default()
+        };
+        let mut first = 0.0;
+        for round in 0..self.settings.iterations.max(1) {
+            let scale = self.residual(implicit, scene, terms, form);
+            let before = if round > 0 { implicit.measure(scene) } else { f64::INFINITY };
+            let goal = (self.settings.tolerance * self.settings.tolerance) * scale;
+            if round > 0 && before <= goal {
+                break;
+            }
+            let Some((start, outcome)) = self.solve(implicit, scene, terms, form, (first, goal))
+            else {
+                break;
+            };
+            if round == 0 {
+                first = start;
+            }
+            descent.rounds += 1;
+            descent.iterations += outcome.iterations;
+            descent.residual = outcome.residual;
+            let gain = outcome.gain / (form.gamma * form.gamma);
+            let slack = self.best.slack();
+            let Some((length, fall)) = self.search(implicit, scene, terms, form, gain) else {
+                // Exact blocks may have led astray; projected ones cannot.
+                if self.projected == 0 && gain > slack {
+                    self.projected = PROJECTED;
+                    continue;
+                }
+                break;
+            };
+            let ratio = fall / (0.5 * gain);
+            let trusted = length == 1.0 && ratio > TRUST && ratio < 1.0 / TRUST;
+            let done = start <= goal || gain <= slack;
+            if done || (self.settings.tolerance == 0.0 && trusted) {
+                break;
+            }
+        }
+        descent.elastic = self.best.elastic;
+        Some(descent)
+    }
+
+    /// Writes the state at the end of the step that was found.
+    pub fn finish(
+        &mut self,
+        scene: &Scene<'_, T>,
+        implicit: &Implicit<T>,
+        (h, last): (f64, f64),
+        next: (&mut [V4<T>], &mut [V4<T>]),
+    ) {
+        let stride = T::of(self.form(implicit, h, last).stride);
+        let Trial { delta, speed, .. } = &mut self.best;
+        let data = (
+            Nodes(next.0),
+            Nodes(next.1),
+            Nodes(delta),
+            Nodes(speed),
+        );
+        scene.plan.each(data, &|_, nodes, (u, v, by, faster)| {
+            for (n, i) in nodes.enumerate() {
+                let before = scene.at.v[i];
+                by.0[n] = scale(stride, by.0[n]);
+                // To w, or to 2w − v.
+                let change = scale(stride, sub(faster.0[n], before));
+                faster.0[n] = scale(scene.free[i], change);
+                u.0[n] = add_scaled(scene.at.u[i], T::ONE, by.0[n]);
+                v.0[n] = add_scaled(before, T::ONE, faster.0[n]);
+            }
+            []
+        });
+    }
+
+    /// Keeps the changes of velocity and displacement of the step that was finished.
+    pub fn keep(&mut self, implicit: &mut Implicit<T>) {
+        let [change, moved] = &mut implicit.solver.known;
+        std::mem::swap(change, &mut self.best.speed);
+        std::mem::swap(moved, &mut self.best.delta);
+        implicit.solver.count = 2;
+    }
+
+    fn weigh_masses(&mut self, scene: &Scene<'_, T>, gamma: f64) {
+        let more = T::of(1.0 + self.mass_damping * gamma);
+        for (to, m) in self.masses.iter_mut().zip(scene.masses) {
+            *to = more * *m;
+        }
+    }
+
+    /// Takes note of where damping is taken: Euler's at the start, of rules of second order as far
+    /// on as their forces are, or they would not be of second order.
+    fn lag(&mut self, scene: &Scene<'_, T>, terms: &mut [Box<dyn Term<T>>], form: Form) {
+        if !terms.iter().any(|t| t.damped()) {
+            return;
+        }
+        self.lagged.clear();
+        self.lagged.extend_from_slice(scene.at.u);
+        if self.rule != Rule::Euler {
+            let ahead = T::of(form.reach);
+            for (to, v) in self.lagged.iter_mut().zip(scene.at.v) {
+                *to = add_scaled(*to, ahead, *v);
+            }
+        }
+        for term in terms {
+            term.lag(scene.plan, &self.lagged);
+        }
+    }
+
+    /// Takes the guess of the lowest Φ.
+    fn start(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        form: Form,
+    ) -> Option<Guess> {
+        let mut found = None;
+        for guess in Guess::ALL {
+            if !self.guesses.has(guess) {
+                continue;
+            }
+            let (guesses, trial) = (&self.guesses, &mut self.trial);
+            let at = |i: usize| guesses.at(guess, scene, i);
+            trial.put(scene, guesses, (form, self.mass_damping), at);
+            // E is hardly ever negative: one that is too far off already is not looked at.
+            if found.is_some() && trial.inertia >= self.best.total() {
+                continue;
+            }
+            trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
+            let total = trial.total();
+            if total.is_finite() && (found.is_none() || total < self.best.total()) {
+                std::mem::swap(&mut self.best, &mut self.trial);
+                found = Some(guess);
+            }
+        }
+        found
+    }
+
+    /// Puts γ² times the slope of −Φ into the residual of the solver. Returns the square of what
+    /// it is measured by: γ² times the forces, or the momentum they change.
+    fn residual(
+        &mut self,
+        implicit: &mut Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        form: Form,
+    ) -> f64 {
+        let square = T::of(form.gamma * form.gamma);
+        let heavier = T::of(self.mass_damping * form.gamma);
+        let (best, guesses, lagged) = (&self.best, &self.guesses, &self.lagged);
+        let inverses = &implicit.solver.inverse;
+        let data = (Nodes(&mut implicit.solver.residual), ());
+        let [pull, push] = scene.plan.each(data, &|chunk, nodes, (b, ())| {
+            b.0.fill(zero());
+            for term in terms {
+                term.elastic(chunk, &best.place, b.0);
+                if term.damped() {
+                    let at = At {
+                        u: lagged,
+                        v: &best.speed,
+                    };
+                    term.resist(chunk, at, b.0);
+                }
+            }
+            let (mut pull, mut push) = (0.0, 0.0);
+            for (n, i) in nodes.enumerate() {
+                let (m, free) = (scene.masses[i], scene.free[i]);
+                let force = scale(free * square, b.0[n]);
+                let goal = scale(free * m, guesses.goal(i));
+                pull += weight(force, apply(&inverses[i], force));
+                push += weight(goal, apply(&inverses[i], goal));
+                let off = scale(m, sub(best.delta[i], guesses.goal(i)));
+                let drag = scale(heavier * m, sub(best.delta[i], guesses.base(i)));
+                b.0[n] = scale(free, sub(sub(scale(square, b.0[n]), off), drag));
+            }
+            [pull, push]
+        });
+        pull.max(push)
+    }
+
+    /// Solves for the direction. `None` where there is nothing to solve.
+    fn solve(
+        &mut self,
+        implicit: &mut Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        (first, goal): (f64, f64),
+    ) -> Option<(f64, super::cg::Outcome)> {
+        let gamma = T::of(form.gamma);
+        let heavier = Scene {
+            masses: &self.masses,
+            ..*scene
+        };
+        // The solver leaves nothing of what it solved for.
+        self.forces.copy_from_slice(&implicit.solver.residual);
+        loop {
+            let projected = self.projected > 0;
+            for term in terms.iter_mut() {
+                term.project(projected);
+            }
+            let at = At {
+                u: &self.best.place,
+                v: &self.best.speed,
+            };
+            implicit.linearise(&heavier, terms, at, gamma);
+            let (start, weight, definite) = implicit.precondition(&heavier);
+            let floor = weight * T::NEGLIGIBLE * T::NEGLIGIBLE;
+            if start <= floor {
+                return None;
+            }
+            if definite || projected {
+                if implicit.refresh(&heavier, terms, &self.best.place, gamma) {
+                    implicit.basis.projected = projected;
+                    implicit.basis.lagged.clone_from(&self.lagged);
+                }
+                let matrix = Matrix {
+                    plan: scene.plan,
+                    masses: &self.masses,
+                    free: scene.free,
+                    terms,
+                };
+                // Closer to the minimum the solves have to be closer, too.
+                let linear = self.settings.linear;
+                let nearer = if first > 0.0 { (start / first).sqrt() } else { 1.0 };
+                let tolerance = match self.settings.tolerance > 0.0 {
+                    true => linear.min(nearer.max(1e-6)).max(0.5 * (goal / start).sqrt()),
+                    false => linear,
+                };
+                let stop = Stop {
+                    tolerance: tolerance.min(0.9),
+                    floor,
+                    most: implicit.settings.max_iterations,
+                };
+                let outcome = implicit.solve_afresh(&matrix, start, stop);
+                let good = !outcome.indefinite && outcome.gain > 0.0 && implicit.has_coarse();
+                if good || projected {
+                    self.projected = self.projected.saturating_sub(1);
+                    return Some((start, outcome));
+                }
+            }
+            self.projected = PROJECTED;
+            implicit.forget_coarse();
+            implicit.solver.residual.copy_from_slice(&self.forces);
+        }
+    }
+
+    /// Goes along the solution until Φ is lower. Returns how much of it was gone, and how much
+    /// lower; `None` where it is not to be had.
+    fn search(
+        &mut self,
+        implicit: &Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        form: Form,
+        gain: f64,
+    ) -> Option<(f64, f64)> {
+        let direction = &implicit.solver.solution;
+        let (before, slack) = (self.best.total(), self.best.slack());
+        let mut length = 1.0;
+        while length >= SHORTEST {
+            let step = T::of(length);
+            let (from, trial) = (&self.best.delta, &mut self.trial);
+            let at = |i: usize| add_scaled(from[i], step, direction[i]);
+            trial.put(scene, &self.guesses, (form, self.mass_damping), at);
+            trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
+            let fall = before - trial.total();
+            if fall >= ENOUGH * length * gain - slack {
+                std::mem::swap(&mut self.best, &mut self.trial);
+                return Some((length, fall));
+            }
+            // The minimum of the parabola through both ends, with the slope at the first.
+            let bend = 2.0 * (length * gain - fall);
+            let least = gain * length * length / bend;
+            length = match least.is_finite() {
+                true => least.clamp(0.1 * length, 0.5 * length),
+                false => 0.1 * length,
+            };
+        }
+        None
+    }
+
+    /// Makes the coarse space that a body's state tells of.
+    pub fn resume(
+        &mut self,
+        implicit: &mut Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        basis: super::implicit::Basis<T>,
+    ) {
+        self.weigh_masses(scene, basis.h.wide());
+        self.projected = basis.left;
+        for term in terms.iter_mut() {
+            term.project(basis.projected);
+            if !basis.lagged.is_empty() {
+                term.lag(scene.plan, &basis.lagged);
+            }
+        }
+        let heavier = Scene {
+            masses: &self.masses,
+            ..*scene
+        };
+        implicit.resume(&heavier, terms, basis);
+    }
+}
+
+impl<T: Real> Implicit<T> {
+    /// Makes the inverse diagonal blocks of what was linearised. Returns rᵀD⁻¹r, the sum of the
+    /// diagonal's means, and whether all blocks are positive definite.
+    fn precondition(&mut self, scene: &Scene<'_, T>) -> (f64, f64, bool) {
+        let (blocks, inverses, residual) = self.diagonal();
+        let data = (Nodes(inverses), ());
+        let [start, weight, bad] = scene.plan.each(data, &|_, nodes, (inverses, ())| {
+            let (mut start, mut weight, mut bad) = (0.0, 0.0, 0.0);
+            for (n, i) in nodes.enumerate() {
+                if scene.free[i] == T::ZERO {
+                    inverses.0[n] = [zero(); 3];
+                    continue;
+                }
+                let d = &blocks[i];
+                let (inverse, definite) = inverse_definite(d);
+                inverses.0[n] = inverse;
+                if !definite {
+                    bad += 1.0;
+                }
+                let r = residual[i];
+                start += self::weight(r, apply(&inverse, r));
+                weight += (d[0].wide() + d[1].wide() + d[2].wide()) / 3.0;
+            }
+            [start, weight, bad]
+        });
+        (start, weight, bad == 0.0)
+    }
+
+    /// rᵀD⁻¹r with the inverse blocks of the last linearisation.
+    fn measure(&self, scene: &Scene<'_, T>) -> f64 {
+        let solver = &self.solver;
+        let [sum] = scene.plan.each((), &|_, nodes, ()| {
+            let all = nodes.map(|i| {
+                let r = solver.residual[i];
+                weight(r, apply(&solver.inverse[i], r))
+            });
+            [all.sum()]
+        });
+        sum
+    }
+}
+
+/// a·b.
+#[inline(always)]
+fn weight<T: Real>(a: V4<T>, b: V4<T>) -> f64 {
+    total([a[0] * b[0], a[1] * b[1], a[2] * b[2], T::ZERO])
+}

@@ -1,0 +1,112 @@
+//! Steps of bodies with finite elements.
+
+use super::body::CpuBody;
+use super::guard::{Failure, Sums};
+use super::implicit::Scene;
+use super::newton::Outside;
+use super::real::Real;
+use super::rules::Rule;
+use super::sum::motion;
+use super::terms::At;
+use crate::physics::{Newton, StepRecord};
+use crate::{Error, Result};
+
+/// What is noted of a step, or why it was refused.
+type Refusable = std::result::Result<StepRecord, Failure>;
+
+impl<T: Real> CpuBody<T> {
+    /// Says when the minimisation of a step of a body of elements stops; bodies without elements,
+    /// and explicit schemes, take no notice.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings that make no sense.
+    pub fn set_newton(&mut self, settings: Newton) -> Result<()> {
+        let Newton {
+            iterations,
+            tolerance,
+            linear,
+        } = settings;
+        let sound = iterations > 0
+            && (0.0..1.0).contains(&tolerance)
+            && linear > 0.0
+            && linear < 1.0;
+        if !sound {
+            return Err(Error::Input(format!(
+                "Newton's method cannot be run to a residual of {tolerance} in {iterations} iterations with linear solves to {linear}: at least one iteration, 0 ≤ tolerance < 1, and 0 < linear < 1"
+            )));
+        }
+        if let Some(newton) = &mut self.newton {
+            newton.settings = settings;
+        }
+        Ok(())
+    }
+
+    /// Says by which implicit rule a body of elements steps; others take no notice. The next step
+    /// is a first one.
+    pub fn set_rule(&mut self, rule: Rule) {
+        if let Some(newton) = &mut self.newton {
+            newton.rule = rule;
+            self.lag = 0.0;
+            if let Some(implicit) = &mut self.implicit {
+                implicit.forget_solutions();
+            }
+        }
+    }
+
+    /// One step of `h` local units; `None` where the body has none of this kind.
+    pub(super) fn advance_newton(&mut self, h: f64) -> Option<Refusable> {
+        let (Some(newton), Some(implicit)) = (&mut self.newton, &mut self.implicit) else {
+            return None;
+        };
+        let scene = Scene {
+            plan: &self.plan,
+            masses: &self.masses,
+            free: &self.free,
+            rest: &self.rest_local,
+            at: At {
+                u: &self.now.u,
+                v: &self.now.v,
+            },
+            f: &self.now.f,
+        };
+        let outside = Outside {
+            loads: &self.loads,
+            inverse: &self.inverse,
+            last: self.lag,
+        };
+        let found = newton.step(implicit, &scene, &mut self.terms, outside, h);
+        let Some(descent) = found else {
+            return Some(Err(Failure::NonFinite));
+        };
+        let next = &mut self.next;
+        newton.finish(&scene, implicit, (h, self.lag), (&mut next.u, &mut next.v));
+        let mut elastic = descent.elastic;
+        if newton.rule == Rule::Midpoint {
+            let terms = &self.terms;
+            [elastic] = self.plan.each((), &|chunk, _, ()| {
+                [terms.iter().map(|t| t.energy(chunk, &next.u)).sum()]
+            });
+        }
+        let (masses, u, v) = (&self.masses, &next.u, &next.v);
+        let [kinetic, bad] = self.plan.each((), &|_, nodes, ()| {
+            let u = &u[nodes.clone()];
+            let (kinetic, bad) = motion(&masses[nodes.clone()], u, &v[nodes], u);
+            [kinetic, bad]
+        });
+        let sums = Sums {
+            kinetic,
+            elastic,
+            power: 0.0,
+            bad,
+        };
+        // Nothing runs away: the potential of a step is never raised.
+        if let Err(failure) = self.guard.note(sums) {
+            return Some(Err(failure));
+        }
+        newton.keep(implicit);
+        std::mem::swap(&mut self.now, &mut self.next);
+        self.lag = h;
+        self.steps += 1;
+        Some(Ok(self.record(descent.iterations, descent.residual)))
+    }
+}
