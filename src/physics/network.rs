@@ -41,8 +41,9 @@ pub struct SpringNetwork {
     pub frame: LocalFrame,
     /// Metres in a file unit.
     pub length_unit: f64,
-    /// Finite elements, which are stepped beside the springs or in place of them; most bodies
-    /// have none.
+    /// Finite elements. Where there are any they are simulated and the springs are not: these then
+    /// are the edges of the mesh, as stiff as springs of the same modulus would be, by which units,
+    /// loads and held ends are reckoned.
     pub elements: Elements,
 }
 

@@ -8,7 +8,7 @@
 
 use super::grid::GridModel;
 use super::lanczos::{Eigenpair, any_vector, dot, largest_eigenpair};
-use crate::physics::{Damping, SolverKind, SpringNetwork};
+use crate::physics::{Damping, Element, Law, SolverKind, SpringNetwork};
 use glam::{DMat3, DVec3};
 
 /// A damped swing ẍ + γ ẋ + λ x = 0.
@@ -117,6 +117,9 @@ pub struct StepLimit {
 #[derive(Clone, Debug)]
 pub struct Linearised {
     links: Vec<Link>,
+    tets: Vec<HookeTet>,
+    /// Damping of the tets in proportion to their stiffness, s.
+    damping_time: f64,
     /// 1/√m of every node; 0 for those that do not move.
     weights: Vec<f64>,
     /// What of the links' damping acts.
@@ -138,10 +141,58 @@ struct Link {
     damping: f64,
 }
 
+/// An element at rest: Hooke's law.
+#[derive(Clone, Copy, Debug)]
+struct HookeTet {
+    nodes: [usize; 4],
+    /// Of the nodes' shape functions, 1/m.
+    gradients: [DVec3; 4],
+    /// m³.
+    volume: f64,
+    /// Lamé's μ and λ, Pa.
+    lame: [f64; 2],
+}
+
+impl HookeTet {
+    fn new(element: &Element, law: Law) -> HookeTet {
+        let [mu, second] = element.lame;
+        let lambda = match law {
+            Law::NeoHookean => second - mu,
+            Law::Corotated => second,
+        };
+        HookeTet {
+            nodes: element.nodes.map(|v| v as usize),
+            gradients: element.gradients(),
+            volume: element.volume,
+            lame: [mu, lambda],
+        }
+    }
+
+    /// K u of its nodes: V σ g with σ = μ (∇u + ∇uᵀ) + λ tr ∇u.
+    fn product(&self, u: [DVec3; 4]) -> [DVec3; 4] {
+        let mut gradient = DMat3::ZERO;
+        for (u, g) in u.iter().zip(self.gradients) {
+            gradient += DMat3::from_cols(*u * g.x, *u * g.y, *u * g.z);
+        }
+        let [mu, lambda] = self.lame;
+        let trace = gradient.x_axis.x + gradient.y_axis.y + gradient.z_axis.z;
+        let stress = (gradient + gradient.transpose()) * mu
+            + DMat3::from_diagonal(DVec3::splat(lambda * trace));
+        self.gradients.map(|g| self.volume * (stress * g))
+    }
+}
+
 impl Linearised {
     /// `network` at rest, with these nodes pinned.
     pub fn new(network: &SpringNetwork, pinned: &[bool]) -> Linearised {
-        let links = network.springs.iter().map(|s| {
+        // Where there are elements, the springs are not simulated.
+        let elements = &network.elements;
+        let springs = match elements.is_empty() {
+            true => network.springs.as_slice(),
+            false => &[],
+        };
+        let tets = elements.tets.iter();
+        let links = springs.iter().map(|s| {
             let [i, j] = s.nodes.map(|v| v as usize);
             Link {
                 nodes: [i, j],
@@ -154,6 +205,8 @@ impl Linearised {
         let axial = network.damping_kind == Damping::Axial;
         Linearised {
             links: links.collect(),
+            tets: tets.map(|e| HookeTet::new(e, elements.law)).collect(),
+            damping_time: network.damping_time,
             weights: network
                 .masses
                 .iter()
@@ -161,8 +214,8 @@ impl Linearised {
                 .map(|(m, p)| if *p || *m <= 0.0 { 0.0 } else { 1.0 / m.sqrt() })
                 .collect(),
             kind: network.damping_kind,
-            proportional: undamped || axial && network.damping == 0.0,
-            drag: 0.0,
+            proportional: undamped || axial && network.damping == 0.0 || !elements.is_empty(),
+            drag: elements.mass_damping,
         }
     }
 
@@ -187,6 +240,8 @@ impl Linearised {
         let inverse = |m: &f64| if *m > 0.0 { 1.0 / m } else { 0.0 };
         Linearised {
             links,
+            tets: Vec::new(),
+            damping_time: 0.0,
             weights: grid.masses.iter().map(|m| inverse(m).sqrt()).collect(),
             kind: Damping::Axial,
             proportional: true,
@@ -207,6 +262,13 @@ impl Linearised {
             };
             product[i] -= f;
             product[j] += f;
+        }
+        let share = a + b * self.damping_time;
+        for tet in &self.tets {
+            let u = tet.nodes.map(|v| y[v] * self.weights[v]);
+            for (v, f) in tet.nodes.into_iter().zip(tet.product(u)) {
+                product[v] += share * f;
+            }
         }
         for ((f, w), y) in product.iter_mut().zip(&self.weights).zip(y) {
             *f = *f * *w

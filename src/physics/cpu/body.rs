@@ -141,7 +141,8 @@ impl<T: Real> CpuBody<T> {
         };
         let implicit = kind == SolverKind::Implicit;
         let mut terms: Vec<Box<dyn Term<T>>> = Vec::new();
-        if elements.is_empty() || !network.springs.is_empty() {
+        // Where there are elements, the springs stand for the edges of the mesh only.
+        if elements.is_empty() {
             terms.push(Box::new(Springs::new(network, &order, &units, &plan)));
         }
         if !elements.is_empty() {
