@@ -29,7 +29,7 @@ const PROJECTED: u32 = 8;
 const ENOUGH: f64 = 1e-4;
 
 /// The shortest step of the line search.
-const SHORTEST: f64 = 1e-3;
+const SHORTEST: f64 = 1e-7;
 
 /// An iteration that lowered Φ by this part of what it should have, or by its inverse, is followed
 /// by another.
