@@ -335,7 +335,7 @@ impl<T: Real> Minimiser<T> {
             implicit.linearise(&heavier, terms, at, gamma);
             let (start, weight, definite) = implicit.precondition(&heavier);
             let floor = weight * T::NEGLIGIBLE * T::NEGLIGIBLE;
-            if start <= floor {
+            if definite && start <= floor {
                 return None;
             }
             if definite || projected {
