@@ -180,13 +180,18 @@ impl Element {
         let (values, vectors) = eigen(full);
         let gradients = self.gradients();
         let mut blocks = [[DMat3::ZERO; 4]; 4];
-        for (value, v) in values.iter().zip(&vectors).filter(|(value, _)| **value > 0.0) {
+        for (value, v) in values
+            .iter()
+            .zip(&vectors)
+            .filter(|(value, _)| **value > 0.0)
+        {
             let m = DMat3::from_cols_array(v);
             let pulls = gradients.map(|g| m * g);
             for (a, pa) in pulls.iter().enumerate() {
                 for (b, pb) in pulls.iter().enumerate() {
                     let scaled = *pb * (value * self.volume);
-                    blocks[a][b] += DMat3::from_cols(*pa * scaled.x, *pa * scaled.y, *pa * scaled.z);
+                    blocks[a][b] +=
+                        DMat3::from_cols(*pa * scaled.x, *pa * scaled.y, *pa * scaled.z);
                 }
             }
         }
@@ -260,8 +265,8 @@ fn polar(f: &DMat3) -> (DMat3, DMat3) {
     let u0 = (*f * v0).normalize_or(DVec3::X);
     let across = *f * v1;
     let u1 = (across - u0 * u0.dot(across)).normalize_or(u0.any_orthonormal_vector());
-    let rotation = DMat3::from_cols(u0, u1, u0.cross(u1))
-        * DMat3::from_cols(v0, v1, v0.cross(v1)).transpose();
+    let rotation =
+        DMat3::from_cols(u0, u1, u0.cross(u1)) * DMat3::from_cols(v0, v1, v0.cross(v1)).transpose();
     (rotation, rotation.transpose() * *f)
 }
 

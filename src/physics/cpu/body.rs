@@ -3,8 +3,8 @@
 use super::element_term::Tets;
 use super::guard::Guard;
 use super::implicit::Implicit;
-use super::newton::Minimiser;
 use super::loads::{Attachment, Loads, check_attachments};
+use super::newton::Minimiser;
 use super::order::Lumps;
 use super::pool::Plan;
 use super::real::Real;

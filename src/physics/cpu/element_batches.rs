@@ -27,9 +27,9 @@ impl<T: Real> Batch<T> {
     pub fn gradient(&self, u: &[V4<T>]) -> L33<T::Lanes> {
         let mut edges = [[T::Lanes::of(0.0); 3]; 3];
         for (k, edge) in edges.iter_mut().enumerate() {
-            let tets = self.nodes.map(|n| {
-                T::lanes(&u[n[k + 1] as usize]) - T::lanes(&u[n[0] as usize])
-            });
+            let tets = self
+                .nodes
+                .map(|n| T::lanes(&u[n[k + 1] as usize]) - T::lanes(&u[n[0] as usize]));
             let [x, y, z, _] = T::Lanes::transpose(tets);
             *edge = [x, y, z];
         }

@@ -79,9 +79,9 @@ impl<T: Real> Batch<T> {
         };
         let turning: L33<T::Lanes> = std::array::from_fn(turning);
         match law {
-            Law::NeoHookean => combine(|j, i| {
-                mu * d[j][i] + change * c[j][i] + (pressure - mu) * turning[j][i]
-            }),
+            Law::NeoHookean => {
+                combine(|j, i| mu * d[j][i] + change * c[j][i] + (pressure - mu) * turning[j][i])
+            }
             Law::Corotated => {
                 let turned = Svd::new(g).rotation_change(d);
                 let two = mu + mu;
@@ -117,8 +117,7 @@ impl<T: Real> Batch<T> {
                 let along = mu * dot(ga, gb);
                 let w = times(&f, cross(ga, gb)).map(|x| s * x);
                 let left = cg[*a].map(|x| lambda * x);
-                let mut block: L33<T::Lanes> =
-                    std::array::from_fn(|j| left.map(|x| x * cg[*b][j]));
+                let mut block: L33<T::Lanes> = std::array::from_fn(|j| left.map(|x| x * cg[*b][j]));
                 for (k, column) in block.iter_mut().enumerate() {
                     column[k] = column[k] + along;
                 }

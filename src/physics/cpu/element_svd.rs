@@ -77,27 +77,57 @@ fn diagonalise<L: Lane>(a: &mut L33<L>) -> L33<L> {
     v
 }
 
+/// Turns two columns of W = F V, and of V, until those of W are across each other (Hestenes'
+/// one-sided rotation), where they are not to the digits there are.
+#[inline(always)]
+fn polish<L: Lane>(w: &mut L33<L>, v: &mut L33<L>, p: usize, q: usize) {
+    let (zero, one) = (L::of(0.0), L::of(1.0));
+    let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
+    let d = b - a;
+    let reach = d.size() + (d * d + L::of(4.0) * c * c).root();
+    let t = (c + c) / reach.above(zero, reach, one);
+    let t = zero.above(d, -t, t);
+    // Squares of small stretches are within the range of f32 as long as these are above 1e-9.
+    let skew = (c * c).above(L::of(L::SKEW) * a * b, t, zero);
+    let cos = one / (skew * skew + one).root();
+    let sin = skew * cos;
+    for m in [w, v] {
+        let (x, y) = (m[p], m[q]);
+        m[p] = std::array::from_fn(|i| cos * x[i] - sin * y[i]);
+        m[q] = std::array::from_fn(|i| sin * x[i] + cos * y[i]);
+    }
+}
+
 impl<L: Lane> Svd<L> {
     /// Of F = I + `g`.
     #[inline(always)]
     pub fn new(g: &L33<L>) -> Svd<L> {
         // FᵀF − I, in which nothing cancels; its eigenvalues are σ² − 1.
-        let mut strain: L33<L> = std::array::from_fn(|j| {
-            std::array::from_fn(|i| g[j][i] + g[i][j] + dot(g[i], g[j]))
-        });
-        let mut v = diagonalise(&mut strain);
-        let mut e = [strain[0][0], strain[1][1], strain[2][2]];
-        for (p, q) in [(0, 1), (1, 2), (0, 1)] {
-            let (a, b) = (e[p], e[q]);
-            e[p] = b.above(a, b, a);
-            e[q] = b.above(a, a, b);
-            // Turned a quarter, not swapped: V stays a rotation.
-            let (x, y) = (v[p], v[q]);
-            v[p] = std::array::from_fn(|i| b.above(a, y[i], x[i]));
-            v[q] = std::array::from_fn(|i| b.above(a, -x[i], y[i]));
-        }
+        let strain: L33<L> =
+            std::array::from_fn(|j| std::array::from_fn(|i| g[j][i] + g[i][j] + dot(g[i], g[j])));
+        let mut v = diagonalise(&mut { strain });
         let f = with_unit(g);
-        let w = v.map(|v| times(&f, v));
+        let mut w = v.map(|v| times(&f, v));
+        // Of a tet that is nearly a line or a point the strain says too little.
+        for _ in 0..3 {
+            for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+                polish(&mut w, &mut v, p, q);
+            }
+        }
+        let mut e: L3<L> = std::array::from_fn(|k| dot(v[k], times(&strain, v[k])));
+        let mut n = w.map(|w| dot(w, w));
+        for (p, q) in [(0, 1), (1, 2), (0, 1)] {
+            let (a, b) = (n[p], n[q]);
+            n[p] = b.above(a, b, a);
+            n[q] = b.above(a, a, b);
+            (e[p], e[q]) = (b.above(a, e[q], e[p]), b.above(a, e[p], e[q]));
+            // Turned a quarter, not swapped: V stays a rotation.
+            for m in [&mut v, &mut w] {
+                let (x, y) = (m[p], m[q]);
+                m[p] = std::array::from_fn(|i| b.above(a, y[i], x[i]));
+                m[q] = std::array::from_fn(|i| b.above(a, -x[i], y[i]));
+            }
+        }
         let (zero, one, tiny) = (L::of(0.0), L::of(1.0), L::of(L::TINY));
         let n0 = dot(w[0], w[0]);
         let point = L::of(1e-30);
@@ -171,7 +201,10 @@ impl<L: Lane> Svd<L> {
                     let sum = (s[i] + s[j]).or_more(L::of(RIDGE));
                     let two = mu + mu;
                     // 2 μ (σ_i + σ_j − 2)/(σ_i + σ_j).
-                    (two * (m[i] + m[j]) / sum + across * s[k], two - across * s[k])
+                    (
+                        two * (m[i] + m[j]) / sum + across * s[k],
+                        two - across * s[k],
+                    )
                 }
             };
             let (twist, flip) = (clamp(twist), clamp(flip));
@@ -216,13 +249,9 @@ impl<L: Lane> Curvature<L> {
             std::array::from_fn(|i| match i == k {
                 true => {
                     let (j, l) = ((i + 1) % 3, (i + 2) % 3);
-                    self.a[i] * x[i] * y[i]
-                        + self.p[l] * x[j] * y[j]
-                        + self.p[j] * x[l] * y[l]
+                    self.a[i] * x[i] * y[i] + self.p[l] * x[j] * y[j] + self.p[j] * x[l] * y[l]
                 }
-                false => {
-                    self.a[6 - i - k] * x[i] * y[k] + self.q[3 - i - k] * x[k] * y[i]
-                }
+                false => self.a[6 - i - k] * x[i] * y[k] + self.q[3 - i - k] * x[k] * y[i],
             })
         });
         // U m Uᵀ.

@@ -113,7 +113,11 @@ impl<T: Real> Tets<T> {
                 inner: list(&inner),
                 outer: list(&outer),
                 damping: Vec::new(),
-                drag: order[plan.range(c)].iter().filter(|_| alpha > 0.0).map(drag).collect(),
+                drag: order[plan.range(c)]
+                    .iter()
+                    .filter(|_| alpha > 0.0)
+                    .map(drag)
+                    .collect(),
                 rows,
             }
         });
@@ -198,7 +202,11 @@ impl<T: Real> List<T> {
             let (mut stress, energy) = batch.stress(law, &g);
             if DAMPED {
                 let change = batch.stress_change(law, &g, &batch.gradient(v));
-                for (s, c) in stress.as_flattened_mut().iter_mut().zip(change.as_flattened()) {
+                for (s, c) in stress
+                    .as_flattened_mut()
+                    .iter_mut()
+                    .zip(change.as_flattened())
+                {
                     *s = *s + damping.splat() * *c;
                 }
             }

@@ -67,23 +67,25 @@ impl<T: Real> Guesses<T> {
             Nodes(&mut self.base),
             Nodes(&mut self.curved),
         );
-        scene.plan.each(data, &|chunk, nodes, (goal, base, curved)| {
-            let (masses, u) = (scene.masses, scene.at.u);
-            outside.loads.put(scene.plan, chunk, masses, u, goal.0);
-            for (n, i) in nodes.enumerate() {
-                let mut v = scene.at.v[i];
-                base.0[n] = zero();
-                if let Some([change, moved]) = history {
-                    curved.0[n] = scale(reach, add_scaled(v, bend, change[i]));
-                    base.0[n] = scale(back, moved[i]);
-                    v = add_scaled(v, back, change[i]);
+        scene
+            .plan
+            .each(data, &|chunk, nodes, (goal, base, curved)| {
+                let (masses, u) = (scene.masses, scene.at.u);
+                outside.loads.put(scene.plan, chunk, masses, u, goal.0);
+                for (n, i) in nodes.enumerate() {
+                    let mut v = scene.at.v[i];
+                    base.0[n] = zero();
+                    if let Some([change, moved]) = history {
+                        curved.0[n] = scale(reach, add_scaled(v, bend, change[i]));
+                        base.0[n] = scale(back, moved[i]);
+                        v = add_scaled(v, back, change[i]);
+                    }
+                    let by = scale(gamma, scale(outside.inverse[i], goal.0[n]));
+                    let faster = add_scaled(v, T::ONE, by);
+                    goal.0[n] = add_scaled(base.0[n], gamma, faster);
                 }
-                let by = scale(gamma, scale(outside.inverse[i], goal.0[n]));
-                let faster = add_scaled(v, T::ONE, by);
-                goal.0[n] = add_scaled(base.0[n], gamma, faster);
-            }
-            []
-        });
+                []
+            });
     }
 
     /// Whether there is such a guess.

@@ -17,6 +17,8 @@ pub trait Lane:
 {
     /// Sweeps of Jacobi's rotations after which 3×3 matrices are diagonal to all digits.
     const SWEEPS: usize;
+    /// Square of the cosine between vectors that are across each other but for rounding.
+    const SKEW: f64;
     /// What is as good as zero beside 1, squared.
     const TINY: f64;
     /// The same number in all lanes.
@@ -34,9 +36,10 @@ pub trait Lane:
 }
 
 macro_rules! lane {
-    ($vector:ty, $matrix:ty, $real:ty, $sweeps:expr, $tiny:expr) => {
+    ($vector:ty, $matrix:ty, $real:ty, $sweeps:expr, $skew:expr, $tiny:expr) => {
         impl Lane for $vector {
             const SWEEPS: usize = $sweeps;
+            const SKEW: f64 = $skew;
             const TINY: f64 = $tiny;
             #[inline(always)]
             fn of(x: f64) -> Self {
@@ -67,5 +70,5 @@ macro_rules! lane {
     };
 }
 
-lane!(glam::Vec4, glam::Mat4, f32, 4, 1e-13);
-lane!(glam::DVec4, glam::DMat4, f64, 6, 1e-30);
+lane!(glam::Vec4, glam::Mat4, f32, 4, 1e-11, 1e-13);
+lane!(glam::DVec4, glam::DMat4, f64, 6, 1e-26, 1e-30);

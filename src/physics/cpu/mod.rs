@@ -21,6 +21,8 @@ mod lanes;
 mod loads;
 mod newton;
 mod newton_step;
+#[cfg(test)]
+mod newton_tests;
 mod node_terms;
 mod order;
 mod particle_forces;

@@ -29,7 +29,7 @@ const PROJECTED: u32 = 8;
 const ENOUGH: f64 = 1e-4;
 
 /// The shortest step of the line search.
-const SHORTEST: f64 = 1e-3;
+const SHORTEST: f64 = 1e-7;
 
 /// An iteration that lowered Φ by this part of what it should have, or by its inverse, is followed
 /// by another.
@@ -107,7 +107,11 @@ impl<T: Real> Minimiser<T> {
 
     /// What a step of `h` is by the rule, after what `implicit` remembers.
     fn form(&self, implicit: &Implicit<T>, h: f64, last: f64) -> Form {
-        let known = if implicit.solver.count == 2 { last } else { 0.0 };
+        let known = if implicit.solver.count == 2 {
+            last
+        } else {
+            0.0
+        };
         self.rule.form(h, known)
     }
 
@@ -133,7 +137,11 @@ impl<T: Real> Minimiser<T> {
         let mut first = 0.0;
         for round in 0..self.settings.iterations.max(1) {
             let scale = self.residual(implicit, scene, terms, form);
-            let before = if round > 0 { implicit.measure(scene) } else { f64::INFINITY };
+            let before = if round > 0 {
+                implicit.measure(scene)
+            } else {
+                f64::INFINITY
+            };
             let goal = (self.settings.tolerance * self.settings.tolerance) * scale;
             if round > 0 && before <= goal {
                 break;
@@ -179,12 +187,7 @@ impl<T: Real> Minimiser<T> {
     ) {
         let stride = T::of(self.form(implicit, h, last).stride);
         let Trial { delta, speed, .. } = &mut self.best;
-        let data = (
-            Nodes(next.0),
-            Nodes(next.1),
-            Nodes(delta),
-            Nodes(speed),
-        );
+        let data = (Nodes(next.0), Nodes(next.1), Nodes(delta), Nodes(speed));
         scene.plan.each(data, &|_, nodes, (u, v, by, faster)| {
             for (n, i) in nodes.enumerate() {
                 let before = scene.at.v[i];
@@ -332,7 +335,7 @@ impl<T: Real> Minimiser<T> {
             implicit.linearise(&heavier, terms, at, gamma);
             let (start, weight, definite) = implicit.precondition(&heavier);
             let floor = weight * T::NEGLIGIBLE * T::NEGLIGIBLE;
-            if start <= floor {
+            if definite && start <= floor {
                 return None;
             }
             if definite || projected {
@@ -348,9 +351,15 @@ impl<T: Real> Minimiser<T> {
                 };
                 // Closer to the minimum the solves have to be closer, too.
                 let linear = self.settings.linear;
-                let nearer = if first > 0.0 { (start / first).sqrt() } else { 1.0 };
+                let nearer = if first > 0.0 {
+                    (start / first).sqrt()
+                } else {
+                    1.0
+                };
                 let tolerance = match self.settings.tolerance > 0.0 {
-                    true => linear.min(nearer.max(1e-6)).max(0.5 * (goal / start).sqrt()),
+                    true => linear
+                        .min(nearer.max(1e-6))
+                        .max(0.5 * (goal / start).sqrt()),
                     false => linear,
                 };
                 let stop = Stop {

@@ -74,7 +74,10 @@ impl<T: Real> CpuBody<T> {
             && state.solutions.iter().all(|s| s.len() == nodes)
             && state.basis.is_some() == self.implicit.is_some()
             && state.basis.as_ref().is_none_or(|b| b.u.len() == nodes)
-            && state.basis.as_ref().is_none_or(|b| [0, nodes].contains(&b.lagged.len()))
+            && state
+                .basis
+                .as_ref()
+                .is_none_or(|b| [0, nodes].contains(&b.lagged.len()))
             && state.begin <= 2;
         if !fits {
             return Err(Error::Input(

@@ -1,0 +1,360 @@
+//! Steps of bodies of finite elements.
+#![allow(clippy::unwrap_used)]
+
+use super::body::CpuBody;
+use super::element_tests::bar;
+use super::loads::Attachment;
+use super::node_terms::NodeTerms;
+use super::real::Real;
+use super::rules::Rule;
+use super::tests::{noise, some};
+use crate::physics::plain::springs::Particles;
+use crate::physics::{ConjugateGradients, Floor, Law, Newton, SolverKind, SpringNetwork};
+use glam::{DMat3, DVec3};
+use std::sync::Arc;
+
+const EXACT: Newton = Newton {
+    iterations: 40,
+    tolerance: 1e-10,
+    linear: 1e-3,
+};
+
+const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
+
+/// The nodes of the end at low x.
+fn end(network: &SpringNetwork) -> Vec<bool> {
+    let low = network.rest.iter().map(|p| p.x).fold(f64::MAX, f64::min);
+    network.rest.iter().map(|p| p.x < low + 1e-9).collect()
+}
+
+/// A body pinned at one end, under gravity.
+fn body<T: Real>(network: &SpringNetwork, chunks: usize, settings: Newton) -> CpuBody<T> {
+    let (kind, cg) = (SolverKind::Implicit, ConjugateGradients::default());
+    let mut body = CpuBody::with_chunks(network, kind, cg, Some(chunks)).unwrap();
+    body.set_newton(settings).unwrap();
+    body.set_pinned(&end(network)).unwrap();
+    body.set_gravity(GRAVITY);
+    body
+}
+
+/// The difference over the motion of the second, both weighed by mass.
+fn off(network: &SpringNetwork, a: &[DVec3], b: &[DVec3]) -> f64 {
+    let sum = |x: &[DVec3], y: &[DVec3]| -> f64 {
+        let all = network.masses.iter().zip(x).zip(y);
+        all.map(|((m, x), y)| m * x.distance_squared(*y)).sum()
+    };
+    (sum(a, b) / sum(b, &network.rest)).sqrt()
+}
+
+fn inverted(network: &SpringNetwork, x: &[DVec3]) -> usize {
+    let tets = network.elements.tets.iter();
+    tets.filter(|e| e.deformation(&e.nodes.map(|v| x[v as usize])).determinant() <= 0.0)
+        .count()
+}
+
+fn forces(network: &SpringNetwork, x: &[DVec3]) -> Vec<DVec3> {
+    let mut f = vec![DVec3::ZERO; x.len()];
+    for e in &network.elements.tets {
+        let corners = e.nodes.map(|v| x[v as usize]);
+        for (v, force) in e.nodes.iter().zip(e.forces(network.elements.law, &corners)) {
+            f[*v as usize] += force;
+        }
+    }
+    f
+}
+
+#[test]
+fn a_step_solves_its_equation() {
+    // Springs, elements and a floor, all at the same time.
+    for (law, chunks) in [(Law::NeoHookean, 1), (Law::Corotated, 3)] {
+        let network = bar([5, 3, 2], law, true);
+        let mut body = body::<f64>(&network, chunks, EXACT);
+        let floor = Floor::new(DVec3::new(0.0, 0.0, -0.05), DVec3::Z, 3e4).unwrap();
+        let floor = Arc::new(floor);
+        let term = NodeTerms::new(floor.clone(), &network, body.sharing());
+        body.add_term(Box::new(term));
+        let mut twin = Particles::new(network.clone());
+        let h = 0.004;
+        for _ in 0..5 {
+            let before = body.velocities();
+            body.run(1, h).unwrap();
+            let (x, v) = (body.positions(), body.velocities());
+            twin.x = x.clone();
+            twin.v.fill(DVec3::ZERO);
+            twin.gravity = GRAVITY;
+            let springs = twin.forces();
+            let elements = forces(&network, &x);
+            let pinned = end(&network);
+            let (mut worst, mut largest) = (0.0f64, 0.0f64);
+            for i in (0..x.len()).filter(|i| !pinned[*i]) {
+                use crate::physics::NodeTerm;
+                let m = network.masses[i];
+                let push = springs[i] + elements[i] + floor.force(m, x[i]);
+                worst = worst.max((push - (v[i] - before[i]) * m / h).length());
+                largest = largest.max(elements[i].length());
+            }
+            assert!(worst < 1e-7 * largest, "{law:?} {worst} {largest}");
+        }
+    }
+}
+
+#[test]
+fn wrecks_recover() {
+    for law in [Law::NeoHookean, Law::Corotated] {
+        let mut network = bar([8, 4, 4], law, false);
+        network.elements.mass_damping = 4.0;
+        let mut settled = body::<f64>(&network, 1, Newton::default());
+        settled.run(300, 0.01).unwrap();
+        let rest = settled.positions();
+        let mut next = noise(3);
+        let mut random = |p: DVec3| {
+            let mut n = || 0.5 * (next() + 1.0);
+            DVec3::new(0.8 * n(), 0.2 * n(), 0.2 * n()) + 0.0 * p
+        };
+        let middle = network.rest.iter().sum::<DVec3>() / network.rest.len() as f64;
+        let mut ruin = |name: &str, p: DVec3| match name {
+            "scrambled" => random(p) - 0.5 * DVec3::new(0.8, 0.2, 0.2) + middle,
+            "flat" => p * DVec3::new(1.0, 1.0, 0.0),
+            "point" => middle + 1e-3 * (random(p) - middle),
+            "mirrored" => p * DVec3::new(1.0, 1.0, -1.0),
+            _ => p * DVec3::new(3.0, 1.0, 1.0),
+        };
+        for name in ["scrambled", "flat", "point", "mirrored", "stretched"] {
+            let mut body = body::<f32>(&network, 1, Newton::default());
+            let pinned = end(&network);
+            let wreck: Vec<DVec3> = network
+                .rest
+                .iter()
+                .zip(&pinned)
+                .map(|(p, pinned)| if *pinned { *p } else { ruin(name, *p) })
+                .collect();
+            body.set_state(&wreck, &vec![DVec3::ZERO; wreck.len()])
+                .unwrap();
+            let mut good = None;
+            for n in 0..300 {
+                body.run(1, 0.01).unwrap();
+                if good.is_none() && inverted(&network, &body.positions()) == 0 {
+                    good = Some(n + 1);
+                }
+            }
+            let x = body.positions();
+            println!(
+                "{law:?} {name}: {} inverted at first, none after {good:?} steps, {:.1e} from rest",
+                inverted(&network, &wreck),
+                off(&network, &x, &rest)
+            );
+            assert_eq!(inverted(&network, &x), 0, "{law:?} {name}");
+            assert!(off(&network, &x, &rest) < 0.05, "{law:?} {name}");
+        }
+    }
+}
+
+#[test]
+fn f32_and_chunks_step_as_f64_and_one() {
+    for law in [Law::NeoHookean, Law::Corotated] {
+        let network = bar([12, 3, 3], law, false);
+        let mut truth = body::<f64>(&network, 1, EXACT);
+        let fine = Newton {
+            iterations: 3,
+            tolerance: 1e-5,
+            linear: 1e-3,
+        };
+        let mut narrow = body::<f32>(&network, 1, fine);
+        let mut shared = body::<f64>(&network, 2, EXACT);
+        let mut quick = body::<f32>(&network, 2, Newton::default());
+        assert_eq!(shared.parts(), 2);
+        let (mut errors, mut motion) = ([0.0f64; 3], 0.0);
+        for _ in 0..60 {
+            truth.run(1, 0.01).unwrap();
+            let x = truth.positions();
+            let others = [
+                {
+                    narrow.run(1, 0.01).unwrap();
+                    narrow.positions()
+                },
+                {
+                    shared.run(1, 0.01).unwrap();
+                    shared.positions()
+                },
+                {
+                    quick.run(1, 0.01).unwrap();
+                    quick.positions()
+                },
+            ];
+            let square = |a: &[DVec3]| -> f64 {
+                a.iter().zip(&x).map(|(a, x)| a.distance_squared(*x)).sum()
+            };
+            for (e, o) in errors.iter_mut().zip(&others) {
+                *e += square(o);
+            }
+            motion += square(&network.rest);
+        }
+        let worst = errors.map(|e| (e / motion).sqrt());
+        println!(
+            "{law:?}: f32 {:.1e}, two chunks {:.1e}, default {:.1e}",
+            worst[0], worst[1], worst[2]
+        );
+        assert!(
+            worst[0] < 1e-4 && worst[1] < 1e-8 && worst[2] < 5e-3,
+            "{worst:?}"
+        );
+    }
+}
+
+#[test]
+fn momentum_is_kept() {
+    for (law, rule) in [
+        (Law::NeoHookean, Rule::Euler),
+        (Law::Corotated, Rule::Midpoint),
+        (Law::NeoHookean, Rule::Bdf2),
+    ] {
+        let mut network = bar([4, 2, 2], law, false);
+        network.damping_time = 1e-3;
+        // As far as the linear solves go.
+        let mut body = body::<f64>(&network, 2, EXACT);
+        body.set_rule(rule);
+        body.set_pinned(&vec![false; network.rest.len()]).unwrap();
+        body.set_gravity(DVec3::ZERO);
+        let x: Vec<DVec3> = network
+            .rest
+            .iter()
+            .zip(some(network.rest.len(), 2, 0.02))
+            .map(|(x, d)| *x + d)
+            .collect();
+        body.set_state(&x, &some(network.rest.len(), 6, 1.0))
+            .unwrap();
+        let momentum = |body: &CpuBody<f64>| -> DVec3 {
+            body.velocities()
+                .iter()
+                .zip(&network.masses)
+                .map(|(v, m)| *v * *m)
+                .sum()
+        };
+        let before = momentum(&body);
+        body.run(30, 0.01).unwrap();
+        let after = momentum(&body);
+        assert!(
+            after.distance(before) < 1e-6 * before.length(),
+            "{rule:?} {before} {after}"
+        );
+        assert!(before.length() > 1e-3);
+    }
+}
+
+#[test]
+fn an_affine_patch_stays_affine() {
+    let network = bar([4, 4, 4], Law::NeoHookean, false);
+    let mut body = body::<f64>(&network, 1, EXACT);
+    body.set_gravity(DVec3::ZERO);
+    body.set_pinned(&vec![false; network.rest.len()]).unwrap();
+    let turn = DMat3::from_cols_array(&[1.1, 0.05, 0.0, -0.1, 0.95, 0.1, 0.05, 0.0, 1.05]);
+    let high = network.rest.iter().fold(DVec3::MIN, |a, b| a.max(*b));
+    let inside = |p: &DVec3| (p.abs() - high).max_element() < -1e-9;
+    let holds: Vec<Attachment> = (0..network.rest.len() as u32)
+        .filter(|v| !inside(&network.rest[*v as usize]))
+        .map(|node| Attachment::Hold {
+            node,
+            place: turn * network.rest[node as usize],
+        })
+        .collect();
+    assert!(holds.len() < network.rest.len() - 20);
+    body.set_attachments(&holds).unwrap();
+    body.run(200, 0.1).unwrap();
+    for (x, p) in body.positions().iter().zip(&network.rest) {
+        assert!(x.distance(turn * *p) < 1e-8, "{x} {}", turn * *p);
+    }
+}
+
+/// Error at the end of half a second in so many steps, over the motion.
+fn end_of(network: &SpringNetwork, rule: Rule, steps: u32, uneven: bool) -> Vec<DVec3> {
+    let mut body = body::<f64>(network, 1, EXACT);
+    body.set_rule(rule);
+    let h = 0.1 / f64::from(steps);
+    for n in 0..steps {
+        let by = if uneven {
+            [0.8, 1.2][n as usize % 2]
+        } else {
+            1.0
+        };
+        body.run(1, by * h).unwrap();
+    }
+    body.positions()
+}
+
+#[test]
+fn rules_converge_at_their_orders() {
+    for (beta, alpha, law) in [(0.0, 0.0, Law::NeoHookean), (5e-3, 2.0, Law::Corotated)] {
+        let mut network = bar([4, 1, 1], law, false);
+        network.damping_time = beta;
+        network.elements.mass_damping = alpha;
+        let truth = end_of(&network, Rule::Midpoint, 4096, false);
+        for (rule, uneven, order) in [
+            (Rule::Euler, false, 1.0),
+            (Rule::Bdf2, false, 2.0),
+            (Rule::Bdf2, true, 2.0),
+            (Rule::Midpoint, false, 2.0),
+        ] {
+            let errors =
+                [128, 256, 512].map(|n| off(&network, &end_of(&network, rule, n, uneven), &truth));
+            let found = (errors[1] / errors[2]).log2();
+            println!("damped {beta} {alpha}: {rule:?} {uneven} {errors:?}: {found:.2}");
+            assert!((found - order).abs() < 0.25, "{rule:?} {found}");
+        }
+    }
+}
+
+#[test]
+fn explicit_schemes_step_elements_too() {
+    let mut network = bar([4, 1, 1], Law::NeoHookean, false);
+    network.damping_time = 1e-4;
+    network.elements.mass_damping = 3.0;
+    let truth = end_of(&network, Rule::Midpoint, 1024, false);
+    for law in [Law::NeoHookean, Law::Corotated] {
+        let mut network = network.clone();
+        let truth = match law {
+            Law::NeoHookean => truth.clone(),
+            Law::Corotated => {
+                network = bar([4, 1, 1], law, false);
+                network.damping_time = 1e-4;
+                network.elements.mass_damping = 3.0;
+                end_of(&network, Rule::Midpoint, 1024, false)
+            }
+        };
+        for kind in [
+            SolverKind::VelocityVerlet,
+            SolverKind::Verlet,
+            SolverKind::Symplectic,
+        ] {
+            let cg = ConjugateGradients::default();
+            let mut body = CpuBody::<f64>::with_chunks(&network, kind, cg, Some(2)).unwrap();
+            body.set_pinned(&end(&network)).unwrap();
+            body.set_gravity(GRAVITY);
+            body.run(20000, 0.1 / 20000.0).unwrap();
+            let error = off(&network, &body.positions(), &truth);
+            println!("{law:?} {kind}: {error:.1e}");
+            assert!(error < 1e-3, "{kind} {error}");
+        }
+    }
+}
+
+#[test]
+fn a_run_that_is_resumed_takes_the_same_steps() {
+    for (beta, rule) in [(0.0, Rule::Euler), (1e-3, Rule::Bdf2)] {
+        let mut network = bar([8, 2, 2], Law::NeoHookean, false);
+        network.damping_time = beta;
+        for chunks in [1, 2] {
+            let new = || {
+                let mut body = body::<f32>(&network, chunks, Newton::default());
+                body.set_rule(rule);
+                body
+            };
+            let (mut one, mut other) = (new(), new());
+            one.run(13, 0.01).unwrap();
+            let state = one.state();
+            one.run(20, 0.01).unwrap();
+            other.resume(&state).unwrap();
+            other.run(20, 0.01).unwrap();
+            assert_eq!(one.state(), other.state());
+        }
+    }
+}
