@@ -1,12 +1,12 @@
 //! A deformable body: a mesh's nodes and springs on the GPU.
 
+use super::gpu_springs::GpuSprings;
 use super::grab::{GrabId, Grip};
 use super::grab_lists::GrabLists;
 use super::loads::{LoadVersions, Loads};
 use super::material::Material;
 use super::network::{Spring, SpringNetwork};
 use super::nodes::Nodes;
-use super::rows::Rows;
 use super::terms::NodeTerm;
 use super::units::Units;
 use crate::gpu::{Array, Gpu, Texel};
@@ -43,11 +43,7 @@ pub struct Body {
     pub(super) masses: Array,
     /// Newtons.
     pub(super) external: Array,
-    pub(super) rows: Array,
-    pub(super) columns: Array,
-    pub(super) springs: Array,
-    /// What the three arrays above hold.
-    pub(super) kept_rows: Rows,
+    pub(super) springs: GpuSprings,
     pub(super) network: SpringNetwork,
     pub(super) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
@@ -99,7 +95,6 @@ impl Body {
         let nodes = Nodes::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
-        let rows = Rows::new(&network, &rest, &units)?;
         let mut body = Body {
             loads: Loads::new(nodes.len(), frame, network.length_unit),
             written: None,
@@ -109,10 +104,7 @@ impl Body {
             velocities: gpu.roomy_array("velocities", Texel::F32x4, nodes.len())?,
             masses: gpu.roomy_array("masses", Texel::F32x2, nodes.len())?,
             external: gpu.roomy_array("external forces", Texel::F32x4, nodes.len())?,
-            rows: gpu.roomy_array_of("rows", Texel::U32x4, &rows.rows)?,
-            columns: gpu.roomy_array_of("columns", Texel::U32x4, &rows.columns)?,
-            springs: gpu.roomy_array_of("springs", Texel::F32x2, &rows.springs)?,
-            kept_rows: rows,
+            springs: GpuSprings::new(gpu, &network, &rest, &units)?,
             nodes,
             network,
             material: material.clone(),
@@ -153,7 +145,11 @@ impl Body {
     /// What the device refuses.
     pub fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         // A term without its file in `shaders/terms` is refused here, not in the middle of a run.
-        crate::gpu::compose(&format!("physics/forces {}", term.name()))?;
+        crate::gpu::compose(&format!(
+            "{} {}",
+            self.composed("physics/forces"),
+            term.name()
+        ))?;
         let (frame, unit) = self.loads.frame_and_unit();
         let all = self.terms.iter().chain([&term]);
         let numbers: Vec<[f32; 4]> = all
@@ -169,16 +165,6 @@ impl Body {
     /// The terms of its energy beside the springs.
     pub fn terms(&self) -> &[Arc<dyn NodeTerm>] {
         &self.terms
-    }
-
-    /// The shader `name`, composed with the terms.
-    pub(super) fn composed(&self, name: &str) -> String {
-        let terms = self.terms.iter().map(|t| t.name());
-        [name]
-            .into_iter()
-            .chain(terms)
-            .collect::<Vec<_>>()
-            .join(" ")
     }
 
     /// Pins, forces, gravity and grabs.

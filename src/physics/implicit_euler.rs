@@ -7,9 +7,10 @@
 //! is there. Where the iterations recorded for a step are not enough, the next ones recorded go on
 //! with it.
 
+use super::gpu_terms::Part;
 use super::step::{Core, StepPasses, Timing};
 use super::stepper::{self, Stepper};
-use super::{Body, Damping, SolverKind};
+use super::{Body, SolverKind};
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use crate::{Error, Result};
 
@@ -19,12 +20,6 @@ mod gpu_data {
         pub struct BeginParams {
             pub nodes: u32,
             pub dt: f32,
-            pub damping: f32,
-            pub damping_time: f32,
-            pub axial: u32,
-            pub _pad0: u32,
-            pub _pad1: u32,
-            pub _pad2: u32,
         }
     }
     crate::gpu_struct! {
@@ -150,7 +145,7 @@ impl stepper::Scheme for Scheme {
         let partials = |label| gpu.buffer(label, u64::from(core.groups) * 16);
         Ok(Scheme {
             settings: ConjugateGradients::default(),
-            edges: gpu.roomy_array("edges", Texel::F32x4, body.springs.len() as usize)?,
+            edges: gpu.roomy_array("edges", Texel::F32x4, body.matter().matrix_texels())?,
             preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, blocks(body))?,
             product: vector("product")?,
             solution: pair("solution")?,
@@ -166,7 +161,7 @@ impl stepper::Scheme for Scheme {
 
     fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
         let (gpu, nodes) = (&core.gpu, body.node_count());
-        gpu.resize(&mut self.edges, "edges", body.springs.len() as usize)?;
+        gpu.resize(&mut self.edges, "edges", body.matter().matrix_texels())?;
         gpu.resize(&mut self.preconditioner, "preconditioner", blocks(body))?;
         gpu.resize(&mut self.product, "product", nodes)?;
         for pair in [
@@ -269,12 +264,6 @@ impl Scheme {
         let params = BeginParams {
             nodes: core.nodes,
             dt: timing.dt,
-            damping: (body.network.damping / body.units.damping()) as f32,
-            damping_time: (body.network.damping_time / body.units.time) as f32,
-            axial: u32::from(body.network.damping_kind == Damping::Axial),
-            _pad0: 0,
-            _pad1: 0,
-            _pad2: 0,
         };
         let name = body.composed("physics/implicit_euler_begin");
         let pass = core
@@ -285,11 +274,7 @@ impl Scheme {
             .read(&body.velocities)
             .read(&body.masses)
             .read(&core.forces)
-            .read(&body.rows)
-            .read(&body.columns)
-            .read(&body.springs)
             .read(&core.status)
-            .write(&self.edges)
             .write(&self.preconditioner)
             .write(&self.residual[0])
             .write(&self.preconditioned[0])
@@ -297,10 +282,8 @@ impl Scheme {
             .write(&self.scalars[0])
             .params(&params);
         let threads = core.groups * core.workgroup;
-        match &body.node_terms {
-            Some(numbers) => pass.read(numbers).over(threads),
-            None => pass.over(threads),
-        }
+        body.bind_terms(pass, Part::System(&self.edges))
+            .over(threads)
     }
 
     /// First half of an iteration, from slot `from` of the vectors to the other.
@@ -319,9 +302,6 @@ impl Scheme {
             .read(&self.preconditioned[from])
             .read(&self.direction[from])
             .read(&body.masses)
-            .read(&body.rows)
-            .read(&body.columns)
-            .read(&self.edges)
             .read(&core.status)
             .read(&self.rz_partials)
             .read(&self.scalars[from])
@@ -330,12 +310,8 @@ impl Scheme {
             .write(&self.pq_partials)
             .write(&self.scalars[1 - from])
             .params(params);
-        match body.terms().is_empty() {
-            true => pass.over_indirect(&self.arguments, 0),
-            false => pass
-                .read(&self.preconditioner)
-                .over_indirect(&self.arguments, 0),
-        }
+        body.bind_terms(pass, Part::Product(&self.edges, &self.preconditioner))
+            .over_indirect(&self.arguments, 0)
     }
 
     /// Second half of an iteration.

@@ -12,6 +12,8 @@ mod cpu;
 mod cut;
 mod engine;
 mod explicit_euler;
+mod gpu_springs;
+mod gpu_terms;
 mod gpu_tets;
 mod grab;
 mod grab_lists;

@@ -1,10 +1,11 @@
 //! What the passes of every solver's step share: the candidate state, the forces, the guard.
 
+use super::Body;
 use super::body::Revision;
+use super::gpu_terms::Part;
 use super::guard::gpu_data::Status;
 use super::guard::{ENERGY_FACTOR, ENERGY_FLOOR, HISTORY};
 use super::loads::LoadVersions;
-use super::{Body, Damping};
 use crate::Result;
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use glam::DVec3;
@@ -15,13 +16,9 @@ mod gpu_data {
         pub struct ForceParams {
             pub gravity: [f32; 4],
             pub nodes: u32,
-            pub damping: f32,
-            pub damping_time: f32,
-            pub axial: u32,
             pub newton: f32,
             pub _pad0: u32,
             pub _pad1: u32,
-            pub _pad2: u32,
         }
     }
     crate::gpu_struct! {
@@ -142,7 +139,7 @@ impl Core {
             history: gpu.buffer("history", u64::from(HISTORY) * 16)?,
             body: body.id,
             generation: body.generation,
-            texels: body.columns.len(),
+            texels: body.matter().texels(),
         })
     }
 
@@ -159,7 +156,7 @@ impl Core {
         self.groups = groups;
         self.nodes = nodes as u32;
         self.generation = body.generation;
-        self.texels = body.columns.len();
+        self.texels = body.matter().texels();
         Ok(())
     }
 
@@ -222,13 +219,9 @@ impl Core {
         let params = ForceParams {
             gravity: gravity.extend(0.0).to_array(),
             nodes: self.nodes,
-            damping: (body.network.damping / units.damping()) as f32,
-            damping_time: (body.network.damping_time / units.time) as f32,
-            axial: u32::from(body.network.damping_kind == Damping::Axial),
             newton: (1.0 / units.force()) as f32,
             _pad0: 0,
             _pad1: 0,
-            _pad2: 0,
         };
         let name = body.composed("physics/forces");
         let pass = self
@@ -239,17 +232,12 @@ impl Core {
             .read(velocities)
             .read(&body.masses)
             .read(&body.external)
-            .read(&body.rows)
-            .read(&body.columns)
-            .read(&body.springs)
             .read(&self.status)
             .write(&self.forces)
             .write(&self.partials)
             .params(&params);
-        match &body.node_terms {
-            Some(numbers) => pass.read(numbers).over(self.groups * self.workgroup),
-            None => pass.over(self.groups * self.workgroup),
-        }
+        body.bind_terms(pass, Part::Forces)
+            .over(self.groups * self.workgroup)
     }
 
     /// `kind` as in `shaders/physics/check.wgsl`.
