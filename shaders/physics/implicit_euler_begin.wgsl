@@ -1,5 +1,9 @@
 // Implicit Euler, the linear system of a step (Baraff & Witkin; equation 9 of Tejada & Ertl):
 // (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), K̃ the Jacobian, made such that the matrix is positive.
+//
+// Springs are linearised where the step begins. Finite elements are at a start that was picked for
+// it, positions and velocities v of which come in: there the right side is M (v₀ − v) + h f, and
+// what is solved for is the change of v.
 
 #import lib/cg
 #import lib/matter
@@ -10,6 +14,9 @@
 struct BeginParams {
     nodes: u32,
     dt: f32,
+    // h α, where a force −α m v slows every node.
+    drag: f32,
+    _pad0: u32,
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;

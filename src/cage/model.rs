@@ -300,6 +300,7 @@ fn damped_as(
         damping_kind: fine.damping_kind,
         frame,
         length_unit: fine.length_unit,
+        ..SpringNetwork::default()
     }
 }
 

@@ -1,5 +1,6 @@
 //! A deformable body: a mesh's nodes and springs on the GPU.
 
+use super::gpu_elements::GpuElements;
 use super::gpu_springs::GpuSprings;
 use super::grab::{GrabId, Grip};
 use super::grab_lists::GrabLists;
@@ -44,6 +45,8 @@ pub struct Body {
     /// Newtons.
     pub(super) external: Array,
     pub(super) springs: GpuSprings,
+    /// What resists in place of the springs, if anything does.
+    pub(super) elements: Option<GpuElements>,
     pub(super) network: SpringNetwork,
     pub(super) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
@@ -85,6 +88,8 @@ impl Body {
         let count = mesh.nodes.len();
         let strange = |s: &Spring| s.nodes.iter().any(|v| *v as usize >= count);
         let fits = network.rest.len() == count && network.masses.len() == count;
+        let corners = network.elements.tets.iter().flat_map(|e| e.nodes);
+        let fits = fits && corners.max().is_none_or(|v| (v as usize) < count);
         if !fits || network.springs.iter().any(strange) {
             return Err(Error::Input(format!(
                 "masses of {} nodes and their springs are given for a mesh of {count}",
@@ -95,6 +100,8 @@ impl Body {
         let nodes = Nodes::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
+        let springs = GpuSprings::new(gpu, &network, &rest, &units)?;
+        let elements = GpuElements::new(gpu, &network, &rest, (&springs, &units))?;
         let mut body = Body {
             loads: Loads::new(nodes.len(), frame, network.length_unit),
             written: None,
@@ -104,7 +111,8 @@ impl Body {
             velocities: gpu.roomy_array("velocities", Texel::F32x4, nodes.len())?,
             masses: gpu.roomy_array("masses", Texel::F32x2, nodes.len())?,
             external: gpu.roomy_array("external forces", Texel::F32x4, nodes.len())?,
-            springs: GpuSprings::new(gpu, &network, &rest, &units)?,
+            springs,
+            elements,
             nodes,
             network,
             material: material.clone(),

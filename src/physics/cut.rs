@@ -1,6 +1,7 @@
 //! A body that follows the cuts made in its mesh: only what a cut has changed goes to the GPU.
 
 use super::Body;
+use super::gpu_elements::GpuElements;
 use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
@@ -94,6 +95,11 @@ impl Body {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
             self.springs
                 .renew(&self.gpu, &self.network, &rest, &self.units)?;
+        }
+        if !self.network.elements.is_empty() {
+            let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
+            let made_of = (&self.springs, &self.units);
+            self.elements = GpuElements::new(&self.gpu, &self.network, &rest, made_of)?;
         }
         self.generation += 1;
         self.changed();

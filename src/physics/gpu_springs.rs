@@ -140,8 +140,10 @@ impl GpuTerm for GpuSprings {
         let pass = pass.read(&self.rows).read(&self.columns);
         match part {
             Part::Forces => pass.read(&self.springs).params(&self.params),
-            Part::System(edges) => pass.read(&self.springs).params(&self.params).write(edges),
-            Part::Product(edges, _) => pass.read(edges),
+            Part::System { matrix, .. } => {
+                pass.read(&self.springs).params(&self.params).write(matrix)
+            }
+            Part::Product { matrix, .. } => pass.read(matrix),
         }
     }
 

@@ -2,17 +2,28 @@
 //! `shaders/terms` declares there.
 
 use super::Body;
-use crate::gpu::{Array, PassBuilder};
+use crate::Result;
+use crate::gpu::{Array, Gpu, Pass, PassBuilder};
 
 /// The programs that terms are composed into.
 #[derive(Clone, Copy)]
 pub(super) enum Part<'a> {
     /// `physics/forces`.
     Forces,
-    /// `physics/implicit_euler_begin`: what the matter keeps of the matrix is written here.
-    System(&'a Array),
-    /// `physics/implicit_euler_direction`: read here, and the blocks that terms add to nodes.
-    Product(&'a Array, &'a Array),
+    /// `physics/implicit_euler_begin`.
+    System {
+        /// What the matter keeps of the matrix, written here or before.
+        matrix: &'a Array,
+        /// Those at the beginning of the step.
+        velocities: &'a Array,
+    },
+    /// `physics/implicit_euler_direction`.
+    Product {
+        /// What the matter keeps of the matrix.
+        matrix: &'a Array,
+        /// The preconditioner, and the blocks that terms add to nodes.
+        blocks: &'a Array,
+    },
 }
 
 /// A term as the GPU has it.
@@ -22,6 +33,20 @@ pub(super) trait GpuTerm {
 
     /// Binds what that file declares in a program, in its order.
     fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: Part<'a>) -> PassBuilder<'a>;
+
+    /// What has to be done before forces are gathered at a state.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    fn before_forces(
+        &self,
+        _gpu: &Gpu,
+        _positions: &Array,
+        _velocities: &Array,
+        _status: &wgpu::Buffer,
+    ) -> Result<Option<Pass>> {
+        Ok(None)
+    }
 
     /// Texels that it keeps of the matrix of an implicit step, for [`Part::System`].
     fn matrix_texels(&self) -> usize;
@@ -33,17 +58,22 @@ pub(super) trait GpuTerm {
 impl Body {
     /// The term that resists deformation.
     pub(super) fn matter(&self) -> &dyn GpuTerm {
-        &self.springs
+        match &self.elements {
+            Some(elements) => elements,
+            None => &self.springs,
+        }
     }
 
-    /// The shader `name`, composed with the terms.
+    /// The shader `name`, composed with all terms.
     pub(super) fn composed(&self, name: &str) -> String {
+        self.named(name, self.matter().name())
+    }
+
+    /// The shader `name`, composed with `first` and the terms that act on each node by itself.
+    pub(super) fn named(&self, name: &str, first: &str) -> String {
         let terms = self.terms().iter().map(|t| t.name());
-        [name, self.matter().name()]
-            .into_iter()
-            .chain(terms)
-            .collect::<Vec<_>>()
-            .join(" ")
+        let words = [name, first].into_iter().chain(terms);
+        words.collect::<Vec<_>>().join(" ")
     }
 
     /// Binds what all terms declare, in the order of [`Body::composed`].
@@ -55,7 +85,7 @@ impl Body {
         let pass = self.matter().bind(pass, part);
         match (&self.node_terms, part) {
             (None, _) => pass,
-            (Some(_), Part::Product(_, blocks)) => pass.read(blocks),
+            (Some(_), Part::Product { blocks, .. }) => pass.read(blocks),
             (Some(numbers), _) => pass.read(numbers),
         }
     }

@@ -98,15 +98,15 @@ pub(super) struct Prepared {
     pub(super) loads: Option<LoadVersions>,
     /// What grabs by springs pull with at the candidate's positions.
     pub(super) draw: Option<Pass>,
-    pub(super) forces: Pass,
+    pub(super) forces: Vec<Pass>,
     pub(super) check: Pass,
     pub(super) commit: Pass,
     /// Clears a failure.
     pub(super) forgive: Pass,
     /// Before the first step on a state that was changed from outside: everything from it.
-    pub(super) restart: [Pass; 2],
+    pub(super) restart: Vec<Pass>,
     /// Before the first step of any other recording: external forces may have changed.
-    pub(super) resume: [Pass; 2],
+    pub(super) resume: Vec<Pass>,
 }
 
 /// Threads a workgroup, and workgroups, of passes that sum over `nodes`.
@@ -169,6 +169,11 @@ impl Core {
     ) -> Result<Prepared> {
         let velocities = step.velocities.as_ref().unwrap_or(&self.next_velocities);
         let state = body.nodes().array();
+        let mut restart = self.force_passes(body, state, &body.velocities)?;
+        restart.push(self.check_pass(2, local_dt)?);
+        let kept = step.velocities.as_ref().unwrap_or(&body.velocities);
+        let mut resume = self.force_passes(body, state, kept)?;
+        resume.push(self.check_pass(1, local_dt)?);
         Ok(Prepared {
             dt,
             local_dt,
@@ -176,7 +181,7 @@ impl Core {
             revision: body.revision(),
             loads: None,
             draw: None,
-            forces: self.force_pass(body, &self.next_positions, velocities)?,
+            forces: self.force_passes(body, &self.next_positions, velocities)?,
             check: self.check_pass(0, local_dt)?,
             commit: self
                 .gpu
@@ -192,28 +197,21 @@ impl Core {
                 .pass("physics/restart")
                 .write(&self.status)
                 .over(1)?,
-            restart: [
-                self.force_pass(body, state, &body.velocities)?,
-                self.check_pass(2, local_dt)?,
-            ],
-            resume: [
-                self.force_pass(
-                    body,
-                    state,
-                    step.velocities.as_ref().unwrap_or(&body.velocities),
-                )?,
-                self.check_pass(1, local_dt)?,
-            ],
+            restart,
+            resume,
             step,
         })
     }
 
-    pub(super) fn force_pass(
+    /// The forces at a state, and its energies.
+    pub(super) fn force_passes(
         &self,
         body: &Body,
         positions: &Array,
         velocities: &Array,
-    ) -> Result<Pass> {
+    ) -> Result<Vec<Pass>> {
+        let matter = body.matter();
+        let before = matter.before_forces(&self.gpu, positions, velocities, &self.status)?;
         let units = &body.units;
         let gravity = (body.gravity() / units.acceleration()).as_vec3();
         let params = ForceParams {
@@ -236,8 +234,9 @@ impl Core {
             .write(&self.forces)
             .write(&self.partials)
             .params(&params);
-        body.bind_terms(pass, Part::Forces)
-            .over(self.groups * self.workgroup)
+        let threads = self.groups * self.workgroup;
+        let gather = body.bind_terms(pass, Part::Forces).over(threads)?;
+        Ok(before.into_iter().chain([gather]).collect())
     }
 
     /// `kind` as in `shaders/physics/check.wgsl`.

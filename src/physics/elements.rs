@@ -1,0 +1,300 @@
+//! Finite elements: tets of hyperelastic material with linear displacements, and their plain
+//! float64 form, which engines are held against.
+//!
+//! F = Ds Dm⁻¹ maps a tet at rest to where it is, Ds and Dm having three of its edges as columns;
+//! J = det F. Both laws are Hooke's for small strains.
+//!
+//! - Stable Neo-Hookean (Smith, de Goes & Kim 2018, "Stable Neo-Hookean Flesh Simulation",
+//!   equation 13, without the barrier):
+//!   Ψ = μ/2 (|F|² − 3) − μ (J − 1) + λ′/2 (J − 1)² with λ′ = λ + μ.
+//! - Fixed corotated (Stomakhin et al. 2012, "Energetically Consistent Invertible Elasticity",
+//!   section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1 for
+//!   inverted tets too.
+
+use glam::{DMat3, DVec3};
+
+/// How energy goes with strain.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Law {
+    /// Stable Neo-Hookean.
+    #[default]
+    NeoHookean,
+    /// Fixed corotated.
+    Corotated,
+}
+
+/// A tet at rest, and what it is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Element {
+    /// Its nodes.
+    pub nodes: [u32; 4],
+    /// Dm⁻¹, 1/m: the inverse of the edges from the first node to the others at rest.
+    pub inverse: DMat3,
+    /// At rest, m³.
+    pub volume: f64,
+    /// μ and λ as they enter the energy, Pa: of [`Law::NeoHookean`] the second is λ + μ.
+    pub lame: [f64; 2],
+}
+
+/// The finite elements of a body.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Elements {
+    /// The law of all of them.
+    pub law: Law,
+    /// The tets.
+    pub tets: Vec<Element>,
+    /// α of Rayleigh damping, 1/s: a force −α m v on every node. The part in proportion to
+    /// stiffness is [`SpringNetwork::damping_time`](super::SpringNetwork::damping_time).
+    pub mass_damping: f64,
+}
+
+impl Elements {
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.tets.is_empty()
+    }
+}
+
+/// When the minimisation of an implicit step of a body of elements stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Newton {
+    /// Newton iterations a step at most.
+    pub iterations: u32,
+    /// Residual to reach, over what moves the body (√(rᵀD⁻¹r), D the diagonal blocks); 0 for as
+    /// few iterations as the energy allows: one more only after one that lowered it by much less,
+    /// or much more, than a quadratic would have been lowered.
+    pub tolerance: f64,
+    /// Residual of the linear solves, over the one at the start of each.
+    pub linear: f64,
+}
+
+impl Default for Newton {
+    fn default() -> Self {
+        Newton {
+            iterations: 4,
+            tolerance: 0.0,
+            linear: 0.2,
+        }
+    }
+}
+
+impl Element {
+    /// The tet of these nodes, which lie at `corners` (m), of a material with Young's modulus
+    /// `young` (Pa) and Poisson's ratio `poisson`. `None` where the volume is not positive or the
+    /// numbers make no sense.
+    pub fn new(
+        nodes: [u32; 4],
+        corners: [DVec3; 4],
+        young: f64,
+        poisson: f64,
+        law: Law,
+    ) -> Option<Element> {
+        let edges = edges(&corners);
+        let volume = edges.determinant() / 6.0;
+        let inverse = edges.inverse();
+        let mu = young / (2.0 * (1.0 + poisson));
+        let lambda = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
+        let lame = match law {
+            Law::NeoHookean => [mu, lambda + mu],
+            Law::Corotated => [mu, lambda],
+        };
+        let sound = volume > 0.0
+            && volume.is_finite()
+            && inverse.is_finite()
+            && young > 0.0
+            && poisson > -1.0
+            && poisson < 0.5
+            && lame.iter().all(|l| l.is_finite());
+        sound.then_some(Element {
+            nodes,
+            inverse,
+            volume,
+            lame,
+        })
+    }
+
+    /// The gradients of the nodes' shape functions, 1/m: F is the sum of x_a ⊗ g_a.
+    pub fn gradients(&self) -> [DVec3; 4] {
+        let rows = self.inverse.transpose();
+        let [a, b, c] = [rows.x_axis, rows.y_axis, rows.z_axis];
+        [-(a + b + c), a, b, c]
+    }
+
+    /// F of the tet with its nodes at `corners`, m.
+    pub fn deformation(&self, corners: &[DVec3; 4]) -> DMat3 {
+        edges(corners) * self.inverse
+    }
+
+    /// Energy of the tet with its nodes at `corners` (m), J.
+    pub fn energy(&self, law: Law, corners: &[DVec3; 4]) -> f64 {
+        let f = self.deformation(corners);
+        let [mu, lambda] = self.lame;
+        let j = f.determinant();
+        let density = match law {
+            Law::NeoHookean => 0.5 * mu * (square(&f) - 3.0) - mu * (j - 1.0),
+            Law::Corotated => mu * square(&(f - polar(&f).0)),
+        };
+        self.volume * (density + 0.5 * lambda * (j - 1.0).powi(2))
+    }
+
+    /// Forces on the nodes at `corners` (m), N: −V P g_a.
+    pub fn forces(&self, law: Law, corners: &[DVec3; 4]) -> [DVec3; 4] {
+        let f = self.deformation(corners);
+        let [mu, lambda] = self.lame;
+        let (j, c) = (f.determinant(), cofactor(&f));
+        let stress = match law {
+            Law::NeoHookean => f * mu + c * (lambda * (j - 1.0) - mu),
+            Law::Corotated => (f - polar(&f).0) * (2.0 * mu) + c * (lambda * (j - 1.0)),
+        };
+        self.gradients().map(|g| stress * g * -self.volume)
+    }
+
+    /// The second derivatives of the energy by nodes a and b at `[a][b]`, N/m, exactly.
+    pub fn stiffness(&self, law: Law, corners: &[DVec3; 4]) -> [[DMat3; 4]; 4] {
+        let f = self.deformation(corners);
+        let gradients = self.gradients();
+        let mut blocks = [[DMat3::ZERO; 4]; 4];
+        for (b, gb) in gradients.iter().enumerate() {
+            for (k, axis) in DVec3::AXES.iter().enumerate() {
+                // Node b moves along the axis.
+                let change = DMat3::from_cols(*axis * gb.x, *axis * gb.y, *axis * gb.z);
+                let stress = self.stress_change(law, &f, &change);
+                for (a, ga) in gradients.iter().enumerate() {
+                    *blocks[a][b].col_mut(k) = stress * *ga * self.volume;
+                }
+            }
+        }
+        blocks
+    }
+
+    /// [`Element::stiffness`] with the negative eigenvalues of ∂P/∂F put to zero (Teran et al. 2005,
+    /// "Robust Quasistatic Finite Elements and Flesh Simulation", section 6).
+    pub fn projected_stiffness(&self, law: Law, corners: &[DVec3; 4]) -> [[DMat3; 4]; 4] {
+        let f = self.deformation(corners);
+        let mut full = [[0.0; 9]; 9];
+        for (k, row) in full.iter_mut().enumerate() {
+            let mut change = DMat3::ZERO;
+            change.col_mut(k / 3)[k % 3] = 1.0;
+            *row = self.stress_change(law, &f, &change).to_cols_array();
+        }
+        let (values, vectors) = eigen(full);
+        let gradients = self.gradients();
+        let mut blocks = [[DMat3::ZERO; 4]; 4];
+        for (value, v) in values
+            .iter()
+            .zip(&vectors)
+            .filter(|(value, _)| **value > 0.0)
+        {
+            let m = DMat3::from_cols_array(v);
+            let pulls = gradients.map(|g| m * g);
+            for (a, pa) in pulls.iter().enumerate() {
+                for (b, pb) in pulls.iter().enumerate() {
+                    let scaled = *pb * (value * self.volume);
+                    blocks[a][b] +=
+                        DMat3::from_cols(*pa * scaled.x, *pa * scaled.y, *pa * scaled.z);
+                }
+            }
+        }
+        blocks
+    }
+
+    /// How the stress P changes when F = `f` changes by `d`.
+    fn stress_change(&self, law: Law, f: &DMat3, d: &DMat3) -> DMat3 {
+        let [mu, lambda] = self.lame;
+        let (j, c) = (f.determinant(), cofactor(f));
+        let volume = c * (lambda * double_dot(&c, d));
+        let turning = cofactor_change(f, d);
+        match law {
+            Law::NeoHookean => *d * mu + volume + turning * (lambda * (j - 1.0) - mu),
+            Law::Corotated => {
+                let (r, s) = polar(f);
+                // dR = R [ω]×, (tr S I − S) ω the axial vector of RᵀdF − dFᵀR.
+                let a = r.transpose() * *d;
+                let twice = a - a.transpose();
+                let axial = DVec3::new(twice.y_axis.z, twice.z_axis.x, twice.x_axis.y);
+                let trace = s.x_axis.x + s.y_axis.y + s.z_axis.z;
+                let w = (DMat3::from_diagonal(DVec3::splat(trace)) - s).inverse() * axial;
+                let cross = DMat3::from_cols(
+                    DVec3::new(0.0, w.z, -w.y),
+                    DVec3::new(-w.z, 0.0, w.x),
+                    DVec3::new(w.y, -w.x, 0.0),
+                );
+                (*d - r * cross) * (2.0 * mu) + volume + turning * (lambda * (j - 1.0))
+            }
+        }
+    }
+}
+
+fn edges(corners: &[DVec3; 4]) -> DMat3 {
+    let [o, a, b, c] = *corners;
+    DMat3::from_cols(a - o, b - o, c - o)
+}
+
+/// |m|².
+fn square(m: &DMat3) -> f64 {
+    double_dot(m, m)
+}
+
+/// a : b.
+fn double_dot(a: &DMat3, b: &DMat3) -> f64 {
+    (0..3).map(|k| a.col(k).dot(b.col(k))).sum()
+}
+
+/// ∂J/∂F.
+fn cofactor(f: &DMat3) -> DMat3 {
+    let [a, b, c] = [f.x_axis, f.y_axis, f.z_axis];
+    DMat3::from_cols(b.cross(c), c.cross(a), a.cross(b))
+}
+
+/// How the cofactors of `f` change with it.
+fn cofactor_change(f: &DMat3, d: &DMat3) -> DMat3 {
+    let pair = |i: usize, j: usize| d.col(i).cross(f.col(j)) + f.col(i).cross(d.col(j));
+    DMat3::from_cols(pair(1, 2), pair(2, 0), pair(0, 1))
+}
+
+/// F = R S with det R = 1 and S symmetric, of eigenvalues of which only the smallest is negative
+/// where F is inverted.
+fn polar(f: &DMat3) -> (DMat3, DMat3) {
+    let square = f.transpose() * *f;
+    let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| square.col(j)[i]));
+    let (values, vectors) = eigen(rows);
+    let mut turns: Vec<usize> = vec![0, 1, 2];
+    turns.sort_by(|a, b| values[*b].total_cmp(&values[*a]));
+    let v0 = DVec3::from(vectors[turns[0]]);
+    let v1 = DVec3::from(vectors[turns[1]]);
+    let u0 = (*f * v0).normalize_or(DVec3::X);
+    let across = *f * v1;
+    let u1 = (across - u0 * u0.dot(across)).normalize_or(u0.any_orthonormal_vector());
+    let rotation =
+        DMat3::from_cols(u0, u1, u0.cross(u1)) * DMat3::from_cols(v0, v1, v0.cross(v1)).transpose();
+    (rotation, rotation.transpose() * *f)
+}
+
+/// Eigenvalues of a symmetric matrix, and its eigenvectors, one a row; by Jacobi's rotations.
+pub(crate) fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
+    let mut v = [[0.0; N]; N];
+    for (i, row) in v.iter_mut().enumerate() {
+        row[i] = 1.0;
+    }
+    for _ in 0..40 {
+        for p in 0..N {
+            for q in p + 1..N {
+                if a[p][q] == 0.0 {
+                    continue;
+                }
+                let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+                let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
+                let c = 1.0 / (t * t + 1.0).sqrt();
+                let s = t * c;
+                for row in a.iter_mut() {
+                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+                }
+                for k in 0..N {
+                    (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
+                    (v[p][k], v[q][k]) = (c * v[p][k] - s * v[q][k], s * v[p][k] + c * v[q][k]);
+                }
+            }
+        }
+    }
+    (std::array::from_fn(|i| a[i][i]), v)
+}
