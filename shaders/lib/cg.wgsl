@@ -29,7 +29,8 @@ struct CgParams {
     acceptable: f32,
     // Square of the change of velocity that is as good as none.
     negligible: f32,
-    _pad0: u32,
+    // h α, where a force −α m v slows every node.
+    drag: f32,
     _pad1: u32,
 }
 

@@ -5,3 +5,6 @@ struct NodeBlock {
     // xy, xz, yz.
     mixed: vec3<f32>,
 }
+
+// Two of each such term; see their files.
+@group(0) @binding(next) var<storage, read> node_terms: array<vec4<f32>>;

@@ -1,46 +1,38 @@
 // Implicit Euler, the linear system of a step (Baraff & Witkin; equation 9 of Tejada & Ertl):
-// (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v).
+// (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), K̃ the Jacobian, made such that the matrix is positive.
 //
-// K̃ is the Jacobian with the transverse term clamped: K̃_ij = κ((1−t) x̂x̂ᵀ + t I),
-// t = max(1 − L/|x|, 0). Every spring's share of the matrix is kept as u uᵀ + b I.
+// Springs are linearised where the step begins. Finite elements are at a start that was picked for
+// it, positions and velocities v of which come in: there the right side is M (v₀ − v) + h f, and
+// what is solved for is the change of v.
 
-#import lib/springs
 #import lib/cg
-#any #import lib/node_terms
-#each #import terms/TERM
+#import lib/matter
+#each matter #import terms/TERM
+#any node #import lib/node_terms
+#each node #import terms/TERM
 
 struct BeginParams {
     nodes: u32,
     dt: f32,
-    damping: f32,
-    damping_time: f32,
-    axial: u32,
+    // h α, where a force −α m v slows every node.
+    drag: f32,
     _pad0: u32,
-    _pad1: u32,
-    _pad2: u32,
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var velocities: texture_2d<f32>;
 @group(0) @binding(2) var masses: texture_2d<f32>;
 @group(0) @binding(3) var forces: texture_2d<f32>;
-@group(0) @binding(4) var rows: texture_2d<u32>;
-@group(0) @binding(5) var columns: texture_2d<u32>;
-@group(0) @binding(6) var springs: texture_2d<f32>;
-@group(0) @binding(7) var<storage, read> status: Status;
-// Of each directed spring: u, b.
-@group(0) @binding(8) var edges: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(4) var<storage, read> status: Status;
 // Two texels a node: the inverse of its diagonal block. After those of all nodes, where there are
-// terms, two more a node: h² times what they add to its block.
-@group(0) @binding(9) var preconditioner: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(10) var residual: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(11) var preconditioned: texture_storage_2d<rgba32float, write>;
+// terms that act on nodes, two more a node: h² times what they add to its block.
+@group(0) @binding(5) var preconditioner: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(6) var residual: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(7) var preconditioned: texture_storage_2d<rgba32float, write>;
 // A workgroup's r·z and mean diagonal entries.
-@group(0) @binding(12) var<storage, read_write> partials: array<vec4<f32>>;
-@group(0) @binding(13) var<storage, read_write> scalars: CgScalars;
-@group(0) @binding(14) var<uniform> params: BeginParams;
-// Two of each term; see their files.
-#any @group(0) @binding(15) var<storage, read> node_terms: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read_write> partials: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read_write> scalars: CgScalars;
+@group(0) @binding(10) var<uniform> params: BeginParams;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -55,47 +47,25 @@ fn main(
     let h = params.dt;
     var sum = vec4(0.0);
     for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
-        let row = textureLoad(rows, at(t), 0).xyz;
-        let i = row.x;
+        let i = row_of(t).x;
         let x = textureLoad(positions, at(i), 0).xyz;
         let v = textureLoad(velocities, at(i), 0).xyz;
         let mass = textureLoad(masses, at(i), 0).xy;
-        var kv = vec3(0.0);
+#each matter         let gathered = TERM_system(t, mass.x, x, v, h);
+        var kv = gathered.ahead;
         // The diagonal block: xx, yy, zz and xy, xz, yz.
-        var diagonal = vec3(mass.x);
-        var mixed = vec3(0.0);
-        for (var q = 0u; q < row.z; q++) {
-            let neighbours = textureLoad(columns, column_texel(row.y, t, q), 0);
-            for (var k = 0u; k < 4u; k++) {
-                let j = neighbours[k];
-                let place = spring_texel(row.y, t, q * 4u + k);
-                let spring = textureLoad(springs, place, 0);
-                let d = textureLoad(positions, at(j), 0).xyz - x;
-                let w = textureLoad(velocities, at(j), 0).xyz - v;
-                let l = length(d);
-                let n = along(d, l);
-                // Coincident ends of a spring with a rest length: no direction, no transverse term.
-                let s = select(select(0.0, 1.0, spring.y == 0.0), max(1.0 - spring.y / l, 0.0), l > 0.0);
-                kv += spring.x * ((1.0 - s) * n * dot(n, w) + s * w);
-                let damping = select(params.damping + params.damping_time * spring.x, 0.0, j == i);
-                let axial = select(0.0, h * damping, params.axial != 0u);
-                let u = sqrt(h * h * spring.x * (1.0 - s) + axial) * n;
-                let b = h * h * spring.x * s + (h * damping - axial);
-                textureStore(edges, place, vec4(u, b));
-                diagonal += u * u + b;
-                mixed += u.xxy * u.yzz;
-            }
-        }
-#any         var block = NodeBlock(vec3(0.0), vec3(0.0));
-#any         var one = block;
-#each         one = TERM_block(INDEX, mass.x, x); block.diagonal += one.diagonal; block.mixed += one.mixed;
-#any         let b0 = h * h * vec4(block.diagonal.x, block.mixed.xy, block.diagonal.y);
-#any         let b1 = h * h * vec4(block.mixed.z, block.diagonal.z, 0.0, 0.0);
-#any         textureStore(preconditioner, at(2u * (params.nodes + i)), b0);
-#any         textureStore(preconditioner, at(2u * (params.nodes + i) + 1u), b1);
-#any         diagonal += vec3(b0.x, b0.w, b1.y);
-#any         mixed += vec3(b0.yz, b1.x);
-#any         kv -= symmetric(b0, b1, v) / (h * h);
+        var diagonal = gathered.diagonal;
+        var mixed = gathered.mixed;
+#any node         var block = NodeBlock(vec3(0.0), vec3(0.0));
+#any node         var one = block;
+#each node         one = TERM_block(INDEX, mass.x, x); block.diagonal += one.diagonal; block.mixed += one.mixed;
+#any node         let b0 = h * h * vec4(block.diagonal.x, block.mixed.xy, block.diagonal.y);
+#any node         let b1 = h * h * vec4(block.mixed.z, block.diagonal.z, 0.0, 0.0);
+#any node         textureStore(preconditioner, at(2u * (params.nodes + i)), b0);
+#any node         textureStore(preconditioner, at(2u * (params.nodes + i) + 1u), b1);
+#any node         diagonal += vec3(b0.x, b0.w, b1.y);
+#any node         mixed += vec3(b0.yz, b1.x);
+#any node         kv -= symmetric(b0, b1, gathered.motion) / (h * h);
         var r = vec3(0.0);
         var a0 = vec4(0.0);
         var a1 = vec4(0.0);

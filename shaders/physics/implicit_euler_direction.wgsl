@@ -3,25 +3,31 @@
 // Every workgroup adds up the partial sums of r·z for itself and comes to the same β and the same
 // answer to "converged?". A neighbour's p is made on the way, so one dispatch does both.
 
-#import lib/springs
 #import lib/cg
+#each matter #import terms/TERM
 
 @group(0) @binding(0) var preconditioned: texture_2d<f32>;
 @group(0) @binding(1) var direction: texture_2d<f32>;
 @group(0) @binding(2) var masses: texture_2d<f32>;
-@group(0) @binding(3) var rows: texture_2d<u32>;
-@group(0) @binding(4) var columns: texture_2d<u32>;
-@group(0) @binding(5) var edges: texture_2d<f32>;
-@group(0) @binding(6) var<storage, read> status: Status;
-@group(0) @binding(7) var<storage, read> rz_partials: array<vec4<f32>>;
-@group(0) @binding(8) var<storage, read> before: CgScalars;
-@group(0) @binding(9) var next_direction: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(10) var product: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(11) var<storage, read_write> partials: array<vec4<f32>>;
-@group(0) @binding(12) var<storage, read_write> after: CgScalars;
-@group(0) @binding(13) var<uniform> params: CgParams;
+@group(0) @binding(3) var<storage, read> status: Status;
+@group(0) @binding(4) var<storage, read> rz_partials: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> before: CgScalars;
+@group(0) @binding(6) var next_direction: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(7) var product: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(8) var<storage, read_write> partials: array<vec4<f32>>;
+@group(0) @binding(9) var<storage, read_write> after: CgScalars;
+@group(0) @binding(10) var<uniform> params: CgParams;
 // In its second half, two texels a node: what terms add to its block.
-#any @group(0) @binding(14) var preconditioner: texture_2d<f32>;
+#any node @group(0) @binding(next) var preconditioner: texture_2d<f32>;
+
+// The direction of the node at that texel, z + βp.
+fn direction_of(j: vec2<u32>, beta: f32, first: bool) -> vec3<f32> {
+    let z = textureLoad(preconditioned, j, 0).xyz;
+    if first {
+        return z;
+    }
+    return z + beta * textureLoad(direction, j, 0).xyz;
+}
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -55,29 +61,13 @@ fn main(
     let beta = select(rz / before.rz, 0.0, first);
     var sum = 0.0;
     for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
-        let row = textureLoad(rows, at(t), 0).xyz;
-        let i = row.x;
+        let i = row_of(t).x;
         let mass = textureLoad(masses, at(i), 0).xy;
-        var p = textureLoad(preconditioned, at(i), 0).xyz;
-        if !first {
-            p += beta * textureLoad(direction, at(i), 0).xyz;
-        }
-        var q = mass.x * p;
-        for (var k = 0u; k < row.z; k++) {
-            let neighbours = textureLoad(columns, column_texel(row.y, t, k), 0);
-            for (var c = 0u; c < 4u; c++) {
-                let j = at(neighbours[c]);
-                let edge = textureLoad(edges, spring_texel(row.y, t, k * 4u + c), 0);
-                var d = p - textureLoad(preconditioned, j, 0).xyz;
-                if !first {
-                    d -= beta * textureLoad(direction, j, 0).xyz;
-                }
-                q += edge.xyz * dot(edge.xyz, d) + edge.w * d;
-            }
-        }
-#any         let b0 = textureLoad(preconditioner, at(2u * (params.nodes + i)), 0);
-#any         let b1 = textureLoad(preconditioner, at(2u * (params.nodes + i) + 1u), 0);
-#any         q += symmetric(b0, b1, p);
+        let p = direction_of(at(i), beta, first);
+#each matter         var q = TERM_product(t, mass.x * p, p, beta, first);
+#any node         let b0 = textureLoad(preconditioner, at(2u * (params.nodes + i)), 0);
+#any node         let b1 = textureLoad(preconditioner, at(2u * (params.nodes + i) + 1u), 0);
+#any node         q += symmetric(b0, b1, p);
         q = select(vec3(0.0), q, mass.y != 0.0);
         textureStore(next_direction, at(i), vec4(p, 0.0));
         textureStore(product, at(i), vec4(q, 0.0));

@@ -2,6 +2,7 @@
 // `physics::terms::floor`.
 //
 // Numbers of a floor: its normal and how far it lies along it; ω².
+#term node
 
 fn floor_depth(slot: u32, x: vec3<f32>) -> f32 {
     let plane = node_terms[2u * slot];

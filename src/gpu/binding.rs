@@ -65,7 +65,8 @@ pub(super) struct Sentence<'a> {
 pub(super) struct Bound {
     pub(super) module: Arc<naga::Module>,
     pub(super) layout_entries: Vec<wgpu::BindGroupLayoutEntry>,
-    pub(super) params: Option<wgpu::Buffer>,
+    /// The uniforms, in the order of their bindings.
+    pub(super) params: Vec<wgpu::Buffer>,
 }
 
 impl<'a> Sentence<'a> {
@@ -84,7 +85,7 @@ impl<'a> Sentence<'a> {
         });
     }
 
-    /// Holds the sentence against the WGSL of `name` and makes the uniform buffer.
+    /// Holds the sentence against the WGSL of `name` and makes the uniform buffers.
     pub(super) fn check(
         &self,
         gpu: &Gpu,
@@ -109,14 +110,14 @@ impl<'a> Sentence<'a> {
             )));
         }
         let mut layout_entries = Vec::new();
-        let mut params = None;
+        let mut params = Vec::new();
         for ((binding, global), word) in declared.iter().zip(&self.words) {
             let variable = global.name.as_deref().unwrap_or("?");
             let ty = declared_type(gpu, &module, global, word)
                 .map_err(|what| wrong(format!("binding {binding}, {variable}: {what}")))?;
             if let Word::Params { bytes, compare } = word {
                 compare(name, &module.types[global.ty].inner)?;
-                params = Some(gpu.uniform(name, bytes)?);
+                params.push(gpu.uniform(name, bytes)?);
             }
             let writable = matches!(
                 ty,
@@ -169,8 +170,9 @@ impl<'a> Sentence<'a> {
         gpu: &Gpu,
         name: &str,
         layout: &wgpu::BindGroupLayout,
-        params: Option<&wgpu::Buffer>,
+        params: &[wgpu::Buffer],
     ) -> Result<wgpu::BindGroup> {
+        let mut params = params.iter();
         let entries: Vec<wgpu::BindGroupEntry> = self
             .words
             .iter()
@@ -182,7 +184,7 @@ impl<'a> Sentence<'a> {
                         Resource::Buffer(buffer) => buffer.as_entire_binding(),
                         Resource::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
                     },
-                    Word::Params { .. } => params?.as_entire_binding(),
+                    Word::Params { .. } => params.next()?.as_entire_binding(),
                 };
                 Some(wgpu::BindGroupEntry {
                     binding: i as u32,

@@ -126,11 +126,11 @@ impl<'a> DrawBuilder<'a> {
         };
         let bind_group = self
             .sentence
-            .bind_group(gpu, name, &layout, bound.params.as_ref())?;
+            .bind_group(gpu, name, &layout, &bound.params)?;
         Ok(Draw {
             pipeline,
             bind_group,
-            params: bound.params,
+            params: bound.params.into_iter().next(),
         })
     }
 

@@ -151,12 +151,12 @@ impl<'a> PassBuilder<'a> {
         };
         let bind_group = self
             .sentence
-            .bind_group(gpu, name, &layout, bound.params.as_ref())?;
+            .bind_group(gpu, name, &layout, &bound.params)?;
         Ok(Pass {
             name: name.to_owned(),
             pipeline,
             bind_group,
-            params: bound.params,
+            params: bound.params.into_iter().next(),
             extent,
             versions: self.versions,
         })

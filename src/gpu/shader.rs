@@ -1,8 +1,17 @@
 //! WGSL composition: `#import lib/tet` on a line of its own pulls in `shaders/lib/tet.wgsl`, once.
 //!
-//! A program may be composed with terms: names after its own, as in `physics/forces floor`. A line
-//! after `#each` then stands once for each of them, with `TERM` and `INDEX` replaced by its name
-//! and its place in the list; one after `#any` stands once if there are any.
+//! A program may be composed with terms: names of files in `shaders/terms` after its own, as in
+//! `physics/forces springs floor`.
+//!
+//! - `#term KIND`, in the file of a term, says what it is: `matter`, which gathers over what is
+//!   around a node, `law`, by which a tet resists, or `node`, which acts on each node by itself.
+//! - `#for PROGRAM …`, in the file of a term: what follows, up to the next such line, stands in
+//!   these programs only; after `#for all` in every one.
+//! - `#each KIND LINE`: the line stands once for each term of the kind, with `TERM` and `INDEX`
+//!   replaced by its name and its place among those of its kind.
+//! - `#any KIND LINE`: the line stands once if there are any.
+//! - `@binding(next)`: the binding after all that are numbered, in the order in which they stand.
+//!   So a term declares what it reads, whatever it is composed with.
 
 use super::device::lock;
 use crate::{Error, Result};
@@ -13,33 +22,129 @@ use wgpu::naga;
 /// Every file under `shaders/`, embedded by `build.rs`: (name without extension, source).
 const SHADERS: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
 
-/// Names of all shaders that can be prepared as a pass: everything outside `lib/` and `terms/`.
-pub fn shader_names() -> impl Iterator<Item = &'static str> {
-    SHADERS
-        .iter()
-        .map(|(name, _)| *name)
+/// The kinds of terms, in the order in which their names stand.
+const KINDS: [&str; 3] = ["matter", "law", "node"];
+
+/// What the number of a binding is where it follows from those before.
+const NEXT: &str = "@binding(next)";
+
+fn source(name: &str) -> Option<&'static str> {
+    let found = SHADERS.iter().find(|(n, _)| *n == name)?;
+    Some(found.1)
+}
+
+/// Names of all shaders that can be prepared as a pass: everything outside `lib/` and `terms/`,
+/// with every matter and law that it can be composed with, and with each of the terms that act on
+/// nodes or without.
+pub fn shader_names() -> impl Iterator<Item = String> {
+    let programs = SHADERS.iter().map(|(name, _)| *name);
+    programs
         .filter(|name| !name.starts_with("lib/") && !name.starts_with("terms/"))
+        .flat_map(compositions)
+}
+
+/// The compositions of `program` that are worth a look.
+fn compositions(program: &str) -> Vec<String> {
+    let mut names = vec![program.to_owned()];
+    for kind in KINDS {
+        if !takes(program, kind) {
+            continue;
+        }
+        let fitting: Vec<&str> = terms(kind).filter(|t| stands_in(t, program)).collect();
+        let alone = match kind {
+            "node" => names.clone(),
+            // These a program cannot do without.
+            _ => Vec::new(),
+        };
+        let with = names.iter().flat_map(|name| {
+            let terms = fitting.iter();
+            terms.map(move |term| format!("{name} {term}"))
+        });
+        names = alone.into_iter().chain(with).collect();
+    }
+    names
+}
+
+/// Whether a program has lines for terms of a kind.
+fn takes(program: &str, kind: &str) -> bool {
+    let lines = source(program).unwrap_or_default().lines();
+    let each = format!("#each {kind} ");
+    let any = format!("#any {kind} ");
+    lines
+        .map(str::trim_start)
+        .any(|l| l.starts_with(&each) || l.starts_with(&any))
+}
+
+/// The terms of a kind that there are.
+fn terms(kind: &str) -> impl Iterator<Item = &'static str> {
+    let names = SHADERS.iter().filter_map(|(n, _)| n.strip_prefix("terms/"));
+    names.filter(move |name| kind_of(name) == Some(kind))
+}
+
+/// Whether a term has anything to say in `program`.
+fn stands_in(term: &str, program: &str) -> bool {
+    let source = source(&format!("terms/{term}")).unwrap_or_default();
+    let mut parts = source.lines().filter_map(|l| l.strip_prefix("#for "));
+    let limited = source.lines().any(|l| l.starts_with("#for "));
+    !limited || parts.any(|p| p.split_whitespace().any(|p| p == program))
+}
+
+/// The kind of a term.
+fn kind_of(term: &str) -> Option<&'static str> {
+    let source = source(&format!("terms/{term}"))?;
+    source
+        .lines()
+        .find_map(|l| l.strip_prefix("#term "))
+        .map(str::trim)
 }
 
 /// The source of shader `name`, which the names of terms may follow, with its imports pasted in,
 /// each once, where first asked for.
 ///
 /// # Errors
-/// [`Error::Gpu`] when the shader or one of its imports does not exist.
+/// [`Error::Gpu`] when the shader, one of its terms or one of its imports does not exist.
 pub fn compose(name: &str) -> Result<String> {
     let mut words = name.split_whitespace();
     let program = words.next().unwrap_or_default();
+    let mut terms = Vec::new();
+    for term in words {
+        let kind = kind_of(term).filter(|kind| KINDS.contains(kind));
+        let Some(kind) = kind else {
+            return Err(Error::Gpu(format!(
+                "there is no shaders/terms/{term}.wgsl that says which kind of term it is, which {program} is composed with"
+            )));
+        };
+        terms.push((kind, term));
+    }
     let mut composer = Composer {
-        terms: words.collect(),
+        program,
+        terms,
         pasted: Vec::new(),
         out: String::new(),
     };
     composer.paste(program, "the program")?;
-    Ok(composer.out)
+    Ok(number(&composer.out))
+}
+
+/// Numbers the bindings that say `next`.
+fn number(source: &str) -> String {
+    let given = source.split("@binding(").skip(1);
+    let given = given.filter_map(|rest| rest.split(')').next()?.parse::<u32>().ok());
+    let mut next = given.max().map_or(0, |most| most + 1);
+    let mut parts = source.split(NEXT);
+    let mut out = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        out.push_str(&format!("@binding({next})"));
+        out.push_str(part);
+        next += 1;
+    }
+    out
 }
 
 struct Composer<'a> {
-    terms: Vec<&'a str>,
+    program: &'a str,
+    /// Kind and name.
+    terms: Vec<(&'a str, &'a str)>,
     pasted: Vec<String>,
     out: String,
 }
@@ -50,24 +155,39 @@ impl Composer<'_> {
             return Ok(());
         }
         self.pasted.push(name.to_owned());
-        let Some((_, source)) = SHADERS.iter().find(|(n, _)| *n == name) else {
+        let Some(source) = source(name) else {
             return Err(Error::Gpu(format!(
                 "there is no shaders/{name}.wgsl, which {importer} asks for"
             )));
         };
+        let mut here = true;
         for line in source.lines() {
-            if let Some(line) = line.trim_start().strip_prefix("#each ") {
-                for k in 0..self.terms.len() {
-                    let line = line.replace("TERM", self.terms[k]);
-                    self.line(&line.replace("INDEX", &format!("{k}u")), name)?;
-                }
-            } else if let Some(line) = line.trim_start().strip_prefix("#any ") {
-                if !self.terms.is_empty() {
+            let bare = line.trim_start();
+            if let Some(programs) = bare.strip_prefix("#for ") {
+                let mut programs = programs.split_whitespace();
+                here = programs.any(|p| p == "all" || p == self.program);
+            } else if !here || bare.starts_with("#term ") {
+                continue;
+            } else if let Some((kind, line)) = split_kind(bare, "#each ") {
+                self.each(kind, line, name)?;
+            } else if let Some((kind, line)) = split_kind(bare, "#any ") {
+                if self.terms.iter().any(|t| t.0 == kind) {
                     self.line(line, name)?;
                 }
             } else {
                 self.line(line, name)?;
             }
+        }
+        Ok(())
+    }
+
+    /// A line once for each term of a kind.
+    fn each(&mut self, kind: &str, line: &str, name: &str) -> Result<()> {
+        let terms = self.terms.iter().filter(|t| t.0 == kind);
+        let terms: Vec<String> = terms.map(|t| t.1.to_owned()).collect();
+        for (k, term) in terms.iter().enumerate() {
+            let line = line.replace("TERM", term);
+            self.line(&line.replace("INDEX", &format!("{k}u")), name)?;
         }
         Ok(())
     }
@@ -80,6 +200,11 @@ impl Composer<'_> {
         self.out.push('\n');
         Ok(())
     }
+}
+
+/// The kind and the rest of a line that begins with `directive`.
+fn split_kind<'a>(line: &'a str, directive: &str) -> Option<(&'a str, &'a str)> {
+    line.strip_prefix(directive)?.split_once(' ')
 }
 
 /// The composed shader `name` as naga sees it.

@@ -1,12 +1,13 @@
 //! A deformable body: a mesh's nodes and springs on the GPU.
 
+use super::gpu_elements::GpuElements;
+use super::gpu_springs::GpuSprings;
 use super::grab::{GrabId, Grip};
 use super::grab_lists::GrabLists;
 use super::loads::{LoadVersions, Loads};
 use super::material::Material;
 use super::network::{Spring, SpringNetwork};
 use super::nodes::Nodes;
-use super::rows::Rows;
 use super::terms::NodeTerm;
 use super::units::Units;
 use crate::gpu::{Array, Gpu, Texel};
@@ -43,11 +44,9 @@ pub struct Body {
     pub(super) masses: Array,
     /// Newtons.
     pub(super) external: Array,
-    pub(super) rows: Array,
-    pub(super) columns: Array,
-    pub(super) springs: Array,
-    /// What the three arrays above hold.
-    pub(super) kept_rows: Rows,
+    pub(super) springs: GpuSprings,
+    /// What resists in place of the springs, if anything does.
+    pub(super) elements: Option<GpuElements>,
     pub(super) network: SpringNetwork,
     pub(super) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
@@ -89,6 +88,8 @@ impl Body {
         let count = mesh.nodes.len();
         let strange = |s: &Spring| s.nodes.iter().any(|v| *v as usize >= count);
         let fits = network.rest.len() == count && network.masses.len() == count;
+        let corners = network.elements.tets.iter().flat_map(|e| e.nodes);
+        let fits = fits && corners.max().is_none_or(|v| (v as usize) < count);
         if !fits || network.springs.iter().any(strange) {
             return Err(Error::Input(format!(
                 "masses of {} nodes and their springs are given for a mesh of {count}",
@@ -99,7 +100,8 @@ impl Body {
         let nodes = Nodes::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
-        let rows = Rows::new(&network, &rest, &units)?;
+        let springs = GpuSprings::new(gpu, &network, &rest, &units)?;
+        let elements = GpuElements::new(gpu, &network, &rest, (&springs, &units))?;
         let mut body = Body {
             loads: Loads::new(nodes.len(), frame, network.length_unit),
             written: None,
@@ -109,10 +111,8 @@ impl Body {
             velocities: gpu.roomy_array("velocities", Texel::F32x4, nodes.len())?,
             masses: gpu.roomy_array("masses", Texel::F32x2, nodes.len())?,
             external: gpu.roomy_array("external forces", Texel::F32x4, nodes.len())?,
-            rows: gpu.roomy_array_of("rows", Texel::U32x4, &rows.rows)?,
-            columns: gpu.roomy_array_of("columns", Texel::U32x4, &rows.columns)?,
-            springs: gpu.roomy_array_of("springs", Texel::F32x2, &rows.springs)?,
-            kept_rows: rows,
+            springs,
+            elements,
             nodes,
             network,
             material: material.clone(),
@@ -153,7 +153,11 @@ impl Body {
     /// What the device refuses.
     pub fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         // A term without its file in `shaders/terms` is refused here, not in the middle of a run.
-        crate::gpu::compose(&format!("physics/forces {}", term.name()))?;
+        crate::gpu::compose(&format!(
+            "{} {}",
+            self.composed("physics/forces"),
+            term.name()
+        ))?;
         let (frame, unit) = self.loads.frame_and_unit();
         let all = self.terms.iter().chain([&term]);
         let numbers: Vec<[f32; 4]> = all
@@ -169,16 +173,6 @@ impl Body {
     /// The terms of its energy beside the springs.
     pub fn terms(&self) -> &[Arc<dyn NodeTerm>] {
         &self.terms
-    }
-
-    /// The shader `name`, composed with the terms.
-    pub(super) fn composed(&self, name: &str) -> String {
-        let terms = self.terms.iter().map(|t| t.name());
-        [name]
-            .into_iter()
-            .chain(terms)
-            .collect::<Vec<_>>()
-            .join(" ")
     }
 
     /// Pins, forces, gravity and grabs.

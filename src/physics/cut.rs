@@ -1,8 +1,7 @@
 //! A body that follows the cuts made in its mesh: only what a cut has changed goes to the GPU.
 
 use super::Body;
-use super::rows::{Directed, Rows, both_ways};
-use crate::gpu::{Array, Gpu};
+use super::gpu_elements::GpuElements;
 use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
@@ -80,14 +79,9 @@ impl Body {
         let frame = self.nodes.frame();
         let rest = |v: u32| frame.to_local(mesh.nodes[v as usize]);
         if cut.removed.is_empty() {
-            let directed = |s| both_ways(s, rest, &self.units);
-            let lists = self.lists_around(cut, springs.iter().flat_map(directed));
-            let replaced = self.kept_rows.replace(lists)?;
-            self.fit_rows()?;
-            let kept = &self.kept_rows;
-            put(&self.gpu, &self.rows, &replaced.rows, &kept.rows)?;
-            put(&self.gpu, &self.columns, &replaced.columns, &kept.columns)?;
-            put(&self.gpu, &self.springs, &replaced.springs, &kept.springs)?;
+            let node_count = self.nodes.len();
+            let follower = (node_count, rest, &self.units);
+            self.springs.follow(&self.gpu, cut, &springs, follower)?;
             let mass = |v: &u32| {
                 let v = *v as usize;
                 self.local_mass(self.network.masses[v], self.pinned()[v])
@@ -99,13 +93,13 @@ impl Body {
             }
         } else {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
-            self.kept_rows = Rows::new(&self.network, &rest, &self.units)?;
-            self.fit_rows()?;
-            self.gpu.write_array(&self.rows, &self.kept_rows.rows)?;
-            self.gpu
-                .write_array(&self.columns, &self.kept_rows.columns)?;
-            self.gpu
-                .write_array(&self.springs, &self.kept_rows.springs)?;
+            self.springs
+                .renew(&self.gpu, &self.network, &rest, &self.units)?;
+        }
+        if !self.network.elements.is_empty() {
+            let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
+            let made_of = (&self.springs, &self.units);
+            self.elements = GpuElements::new(&self.gpu, &self.network, &rest, made_of)?;
         }
         self.generation += 1;
         self.changed();
@@ -121,35 +115,6 @@ impl Body {
             self.node_count(),
             mesh.nodes.len()
         )))
-    }
-
-    /// All springs of every node that has one at a node the cut has doubled: those that stay, and
-    /// those that are `new`.
-    fn lists_around(
-        &self,
-        cut: &TetCut,
-        new: impl Iterator<Item = (u32, Directed)>,
-    ) -> Vec<(u32, Vec<Directed>)> {
-        let mut touched = vec![false; self.node_count()];
-        cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
-        // One more than the place of each node's list, 0 where it has none.
-        let mut place = vec![0u32; self.node_count()];
-        let mut lists: Vec<(u32, Vec<Directed>)> = Vec::new();
-        for (node, directed) in new {
-            if place[node as usize] == 0 {
-                let stay: Vec<Directed> = match touched[node as usize] {
-                    true => Vec::new(),
-                    false => {
-                        let row = self.kept_rows.row(node);
-                        row.filter(|other| !touched[other.0 as usize]).collect()
-                    }
-                };
-                lists.push((node, stay));
-                place[node as usize] = lists.len() as u32;
-            }
-            lists[place[node as usize] as usize - 1].1.push(directed);
-        }
-        lists
     }
 
     /// Gives the doubles the state of the nodes they come from, and shares these nodes' loads.
@@ -173,19 +138,4 @@ impl Body {
         let texels: Vec<[f32; 4]> = forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();
         gpu.write_items(&self.external, from as u32, &texels)
     }
-
-    /// Makes the arrays of the springs as long as what is kept of them here.
-    fn fit_rows(&mut self) -> Result<()> {
-        let (gpu, kept) = (&self.gpu, &self.kept_rows);
-        gpu.resize(&mut self.rows, "rows", kept.rows.len())?;
-        gpu.resize(&mut self.columns, "columns", kept.columns.len())?;
-        gpu.resize(&mut self.springs, "springs", kept.springs.len())?;
-        Ok(())
-    }
-}
-
-/// Sends the items of `kept` at `places`.
-fn put<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, places: &[u32], kept: &[T]) -> Result<()> {
-    let items: Vec<T> = places.iter().map(|p| kept[*p as usize]).collect();
-    gpu.put(array, places, &items)
 }

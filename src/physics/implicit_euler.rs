@@ -7,9 +7,11 @@
 //! is there. Where the iterations recorded for a step are not enough, the next ones recorded go on
 //! with it.
 
+use super::gpu_terms::Part;
+use super::implicit_start::Start;
 use super::step::{Core, StepPasses, Timing};
 use super::stepper::{self, Stepper};
-use super::{Body, Damping, SolverKind};
+use super::{Body, SolverKind};
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use crate::{Error, Result};
 
@@ -19,12 +21,8 @@ mod gpu_data {
         pub struct BeginParams {
             pub nodes: u32,
             pub dt: f32,
-            pub damping: f32,
-            pub damping_time: f32,
-            pub axial: u32,
+            pub drag: f32,
             pub _pad0: u32,
-            pub _pad1: u32,
-            pub _pad2: u32,
         }
     }
     crate::gpu_struct! {
@@ -36,7 +34,7 @@ mod gpu_data {
             pub tolerance: f32,
             pub acceptable: f32,
             pub negligible: f32,
-            pub _pad0: u32,
+            pub drag: f32,
             pub _pad1: u32,
         }
     }
@@ -102,7 +100,10 @@ impl Default for ConjugateGradients {
 #[derive(Debug)]
 pub struct Scheme {
     settings: ConjugateGradients,
-    edges: Array,
+    /// What the matter keeps of it.
+    matrix: Array,
+    /// Where the steps of finite elements start from.
+    start: Option<Start>,
     /// Two texels a node; two more where the body has terms beside the springs.
     preconditioner: Array,
     pub(super) product: Array,
@@ -150,7 +151,11 @@ impl stepper::Scheme for Scheme {
         let partials = |label| gpu.buffer(label, u64::from(core.groups) * 16);
         Ok(Scheme {
             settings: ConjugateGradients::default(),
-            edges: gpu.roomy_array("edges", Texel::F32x4, body.springs.len() as usize)?,
+            matrix: gpu.roomy_array("matrix", Texel::F32x4, body.matter().matrix_texels())?,
+            start: match &body.elements {
+                Some(elements) => Some(Start::new(core, elements)?),
+                None => None,
+            },
             preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, blocks(body))?,
             product: vector("product")?,
             solution: pair("solution")?,
@@ -166,7 +171,10 @@ impl stepper::Scheme for Scheme {
 
     fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
         let (gpu, nodes) = (&core.gpu, body.node_count());
-        gpu.resize(&mut self.edges, "edges", body.springs.len() as usize)?;
+        gpu.resize(&mut self.matrix, "matrix", body.matter().matrix_texels())?;
+        if let Some(elements) = &body.elements {
+            self.start = Some(Start::new(core, elements)?);
+        }
         gpu.resize(&mut self.preconditioner, "preconditioner", blocks(body))?;
         gpu.resize(&mut self.product, "product", nodes)?;
         for pair in [
@@ -188,9 +196,21 @@ impl stepper::Scheme for Scheme {
     }
 
     fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
-        let params = self.params(core, timing);
+        let params = self.params(core, body, timing);
+        let (mut before, mut after_restart, mut keep) = (Vec::new(), None, None);
+        if let (Some(start), Some(elements)) = (&self.start, &body.elements) {
+            before = start.passes(core, body, elements, (&self.matrix, timing.dt))?;
+            keep = Some(start.keep(core, body)?);
+        }
+        before.push(self.begin(core, body, timing)?);
+        if let Some(keep) = &keep {
+            let first = [keep.clone()].into_iter();
+            after_restart = Some(first.chain(before.iter().cloned()).collect());
+        }
+        let (_, start_velocities) = self.start(body);
         Ok(StepPasses {
-            before: vec![self.begin(core, body, timing)?],
+            before,
+            after_restart,
             gate: Some(
                 core.gpu
                     .pass("physics/implicit_euler_gate")
@@ -221,7 +241,7 @@ impl stepper::Scheme for Scheme {
                 core.gpu
                     .pass("physics/implicit_euler")
                     .read(body.nodes().array())
-                    .read(&body.velocities)
+                    .read(start_velocities)
                     .read(&body.masses)
                     .read(&self.solution[0])
                     .read(&self.solution[1])
@@ -233,9 +253,16 @@ impl stepper::Scheme for Scheme {
                         dt: timing.dt,
                     })
                     .over(core.nodes)?,
-            ],
+            ]
+            .into_iter()
+            .chain(keep)
+            .collect(),
             ..StepPasses::default()
         })
+    }
+
+    fn carried(&self) -> Vec<&Array> {
+        self.start.iter().map(|start| &start.before).collect()
     }
 
     fn max_iterations(&self) -> u32 {
@@ -249,8 +276,22 @@ fn blocks(body: &Body) -> usize {
     2 * body.node_count() * (1 + of_terms)
 }
 
+/// h α, where a force −α m v slows every node.
+fn drag(body: &Body, timing: Timing) -> f32 {
+    let elements = body.elements.as_ref();
+    elements.map_or(0.0, |elements| timing.dt * elements.drag())
+}
+
 impl Scheme {
-    fn params(&self, core: &Core, timing: Timing) -> CgParams {
+    /// Positions and velocities that the system of a step is made at.
+    fn start<'a>(&'a self, body: &'a Body) -> (&'a Array, &'a Array) {
+        match &self.start {
+            Some(start) => (&start.positions, &start.velocities),
+            None => (body.nodes().array(), &body.velocities),
+        }
+    }
+
+    fn params(&self, core: &Core, body: &Body, timing: Timing) -> CgParams {
         let square = |x: f64| (x * x) as f32;
         CgParams {
             nodes: core.nodes,
@@ -259,7 +300,7 @@ impl Scheme {
             tolerance: square(self.settings.tolerance),
             acceptable: square(self.settings.acceptable),
             negligible: (NEGLIGIBLE / timing.dt).powi(2),
-            _pad0: 0,
+            drag: drag(body, timing),
             _pad1: 0,
         }
     }
@@ -269,27 +310,20 @@ impl Scheme {
         let params = BeginParams {
             nodes: core.nodes,
             dt: timing.dt,
-            damping: (body.network.damping / body.units.damping()) as f32,
-            damping_time: (body.network.damping_time / body.units.time) as f32,
-            axial: u32::from(body.network.damping_kind == Damping::Axial),
+            drag: drag(body, timing),
             _pad0: 0,
-            _pad1: 0,
-            _pad2: 0,
         };
+        let (positions, velocities) = self.start(body);
         let name = body.composed("physics/implicit_euler_begin");
         let pass = core
             .gpu
             .pass(&name)
             .constant("WORKGROUP", f64::from(core.workgroup))
-            .read(body.nodes().array())
-            .read(&body.velocities)
+            .read(positions)
+            .read(velocities)
             .read(&body.masses)
             .read(&core.forces)
-            .read(&body.rows)
-            .read(&body.columns)
-            .read(&body.springs)
             .read(&core.status)
-            .write(&self.edges)
             .write(&self.preconditioner)
             .write(&self.residual[0])
             .write(&self.preconditioned[0])
@@ -297,10 +331,11 @@ impl Scheme {
             .write(&self.scalars[0])
             .params(&params);
         let threads = core.groups * core.workgroup;
-        match &body.node_terms {
-            Some(numbers) => pass.read(numbers).over(threads),
-            None => pass.over(threads),
-        }
+        let part = Part::System {
+            matrix: &self.matrix,
+            velocities: &body.velocities,
+        };
+        body.bind_terms(pass, part).over(threads)
     }
 
     /// First half of an iteration, from slot `from` of the vectors to the other.
@@ -319,9 +354,6 @@ impl Scheme {
             .read(&self.preconditioned[from])
             .read(&self.direction[from])
             .read(&body.masses)
-            .read(&body.rows)
-            .read(&body.columns)
-            .read(&self.edges)
             .read(&core.status)
             .read(&self.rz_partials)
             .read(&self.scalars[from])
@@ -330,12 +362,12 @@ impl Scheme {
             .write(&self.pq_partials)
             .write(&self.scalars[1 - from])
             .params(params);
-        match body.terms().is_empty() {
-            true => pass.over_indirect(&self.arguments, 0),
-            false => pass
-                .read(&self.preconditioner)
-                .over_indirect(&self.arguments, 0),
-        }
+        let part = Part::Product {
+            matrix: &self.matrix,
+            blocks: &self.preconditioner,
+        };
+        body.bind_terms(pass, part)
+            .over_indirect(&self.arguments, 0)
     }
 
     /// Second half of an iteration.

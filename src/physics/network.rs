@@ -1,9 +1,9 @@
 //! The particles and springs of a body, in float64 and SI units: what the GPU's arrays are made
 //! from, and what the reference steps.
 
-use super::elements::Elements;
+use super::elements::{Element, Elements, Law};
 use super::hold::HeldEnd;
-use super::material::{Damping, Material, RegionMaterial, Stiffness};
+use super::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -71,6 +71,7 @@ impl SpringNetwork {
         let matter = Matter::new(mesh, material)?;
         let masses = matter.masses(0..mesh.tets.len())?;
         let springs = matter.springs(&edges_around(mesh), &rest)?;
+        let elements = matter.elements(&rest);
         Ok(SpringNetwork {
             rest,
             masses,
@@ -80,7 +81,7 @@ impl SpringNetwork {
             damping_kind: material.damping_kind,
             frame,
             length_unit: unit,
-            elements: Elements::default(),
+            elements,
         })
     }
 
@@ -108,15 +109,13 @@ impl SpringNetwork {
             )));
         }
         if !cut.removed.is_empty() {
-            let frame = self.frame;
-            let network = SpringNetwork::new(mesh, material)?;
-            let elements = std::mem::take(&mut self.elements);
-            *self = network;
+            let (frame, damping) = (self.frame, self.elements.mass_damping);
+            *self = SpringNetwork::new(mesh, material)?;
+            self.elements.mass_damping = damping;
             // Positions stay in the frame they are in.
             let moved = (self.frame.origin - frame.origin) * self.length_unit;
             self.rest.iter_mut().for_each(|x| *x += moved);
             self.frame = frame;
-            self.elements = elements;
             return Ok(Vec::new());
         }
         let matter = Matter::new(mesh, material)?;
@@ -125,6 +124,7 @@ impl SpringNetwork {
         let masses = matter.masses(cut.star.iter().map(|t| *t as usize))?;
         let springs = matter.springs(&cut.around, &rest)?;
         splice(&mut self.springs, |s| s.nodes, &cut.edges_before, &springs);
+        matter.rename(&mut self.elements, &cut.star, &rest);
         self.masses.resize(mesh.nodes.len(), 0.0);
         for v in &cut.nodes {
             self.masses[*v as usize] = masses[*v as usize];
@@ -196,6 +196,50 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             )));
         }
         Ok(masses)
+    }
+
+    /// The tets as finite elements, if that is what they are made of; those without volume are
+    /// left out.
+    fn elements(&self, rest: &[DVec3]) -> Elements {
+        let law = match self.material.model {
+            MaterialModel::Springs => return Elements::default(),
+            MaterialModel::NeoHookean => Law::NeoHookean,
+            MaterialModel::Corotated => Law::Corotated,
+        };
+        let tets = 0..self.mesh.tets.len();
+        let element = |t| self.element(t, law, rest);
+        Elements {
+            law,
+            tets: tets.into_par_iter().filter_map(element).collect(),
+            mass_damping: 0.0,
+        }
+    }
+
+    fn element(&self, t: usize, law: Law, rest: &[DVec3]) -> Option<Element> {
+        let nodes = self.mesh.tets[t];
+        let made = (self.made_of)(t);
+        let factor = self.node_factors.map_or(1.0, |factors| {
+            0.25 * nodes.iter().map(|v| factors[*v as usize]).sum::<f64>()
+        });
+        let corners = nodes.map(|v| rest[v as usize]);
+        Element::new(nodes, corners, factor * made.stiffness, made.poisson, law)
+    }
+
+    /// Gives `elements` the nodes that the tets `star` have now.
+    fn rename(&self, elements: &mut Elements, star: &[u32], rest: &[DVec3]) {
+        if elements.is_empty() {
+            return;
+        }
+        if elements.tets.len() != self.mesh.tets.len() {
+            // Some were left out: which is whose is not known.
+            let damping = elements.mass_damping;
+            *elements = self.elements(rest);
+            elements.mass_damping = damping;
+            return;
+        }
+        for t in star {
+            elements.tets[*t as usize].nodes = self.mesh.tets[*t as usize];
+        }
     }
 
     /// The springs along edges given with every tet around them, sorted.

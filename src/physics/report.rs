@@ -1,6 +1,6 @@
 //! What became of a body, measured in float64 from its state read back.
 
-use super::{Body, NodeTerm, SpringNetwork};
+use super::{Body, Element, NodeTerm, Spring, SpringNetwork};
 use crate::Result;
 use crate::mesh::{TetMesh, bounds, signed_volume};
 use glam::DVec3;
@@ -12,7 +12,7 @@ use std::sync::Arc;
 pub struct Energy {
     /// Of motion, Σ ½mv².
     pub kinetic: f64,
-    /// In the springs, Σ ½κ(|x| − L)², and in the terms beside them.
+    /// In the springs, Σ ½κ(|x| − L)², or in the elements, and in the terms beside them.
     pub elastic: f64,
     /// Kinetic and elastic.
     pub total: f64,
@@ -77,21 +77,26 @@ impl Energy {
         velocities: &[DVec3],
     ) -> Energy {
         let unit = network.length_unit;
-        let springs: f64 = network
-            .springs
-            .par_iter()
-            .map(|s| {
-                let [a, b] = s.nodes.map(|v| positions[v as usize]);
-                0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
-            })
-            .sum();
+        let of_spring = |s: &Spring| {
+            let [a, b] = s.nodes.map(|v| positions[v as usize]);
+            0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
+        };
+        let elements = &network.elements;
+        let of_element = |e: &Element| {
+            let corners = e.nodes.map(|v| network.to_metres(positions[v as usize]));
+            e.energy(elements.law, &corners)
+        };
+        let matter: f64 = match elements.is_empty() {
+            true => network.springs.par_iter().map(of_spring).sum(),
+            false => elements.tets.par_iter().map(of_element).sum(),
+        };
         let of_nodes = terms.iter().map(|term| -> f64 {
             let nodes = network.masses.iter().zip(positions);
             nodes
                 .map(|(m, x)| term.energy(*m, network.to_metres(*x)))
                 .sum()
         });
-        let elastic = springs + of_nodes.sum::<f64>();
+        let elastic = matter + of_nodes.sum::<f64>();
         let kinetic: f64 = network
             .masses
             .par_iter()

@@ -29,6 +29,8 @@ pub(super) struct Rows {
     pub springs: Vec<[f32; 2]>,
     /// The row of each node.
     row_of: Vec<u32>,
+    /// What rows are filled up with, where not with their node.
+    filler: Option<u32>,
 }
 
 /// A spring as its node sees it: the other node, κ and L in local units.
@@ -47,8 +49,7 @@ impl Rows {
     ///
     /// Rest lengths are those of the rounded positions, so that a body at rest has no forces.
     pub fn new(network: &SpringNetwork, rest: &[Vec3], units: &Units) -> Result<Rows> {
-        let nodes = rest.len();
-        let mut neighbours: Vec<Vec<Directed>> = vec![Vec::new(); nodes];
+        let mut neighbours: Vec<Vec<Directed>> = vec![Vec::new(); rest.len()];
         for s in &network.springs {
             for (node, directed) in both_ways(s, |v| rest[v as usize], units) {
                 neighbours[node as usize].push(directed);
@@ -57,7 +58,21 @@ impl Rows {
         for row in &mut neighbours {
             row.sort_unstable_by_key(|n| n.0);
         }
+        Rows::laid_out(&neighbours, None)
+    }
+
+    /// The rows of nodes with these numbers each, filled up with `filler`.
+    pub fn of_lists(lists: &[Vec<u32>], filler: u32) -> Result<Rows> {
+        let entries = |list: &Vec<u32>| list.iter().map(|n| (*n, 0.0, 0.0)).collect();
+        let lists: Vec<Vec<Directed>> = lists.iter().map(entries).collect();
+        Rows::laid_out(&lists, Some(filler))
+    }
+
+    /// The rows of nodes with these lists, filled up with `filler` or the node itself.
+    fn laid_out(neighbours: &[Vec<Directed>], filler: Option<u32>) -> Result<Rows> {
+        let nodes = neighbours.len();
         let mut built = Rows {
+            filler,
             rows: Vec::with_capacity(nodes),
             columns: Vec::new(),
             springs: Vec::new(),
@@ -99,8 +114,9 @@ impl Rows {
         let t = self.row_of[node as usize] as usize;
         let [_, base, _, room] = self.rows[t];
         self.rows[t][2] = row.len().div_ceil(4) as u32;
+        let filler = self.filler.unwrap_or(node);
         for e in 0..4 * room as usize {
-            let (other, stiffness, length) = row.get(e).copied().unwrap_or((node, 0.0, 0.0));
+            let (other, stiffness, length) = row.get(e).copied().unwrap_or((filler, 0.0, 0.0));
             let (column, spring) = places(base, t, e);
             self.columns[column][e % 4] = other;
             self.springs[spring] = [stiffness, length];
@@ -118,6 +134,15 @@ impl Rows {
                 (self.columns[column][e % 4], stiffness, length)
             })
             .filter(move |directed| directed.0 != node)
+    }
+
+    /// The entry of the spring from `node` to `other`: its place in `springs`.
+    pub fn entry(&self, node: u32, other: u32) -> Option<u32> {
+        let t = *self.row_of.get(node as usize)? as usize;
+        let [_, base, texels, _] = self.rows[t];
+        let mut places = (0..4 * texels as usize).map(|e| (e, places(base, t, e)));
+        let found = places.find(|(e, (column, _))| self.columns[*column][e % 4] == other)?;
+        Some(found.1.1 as u32)
     }
 
     /// Gives nodes other springs; nodes beyond those there are are added. A row that no longer
@@ -196,6 +221,7 @@ mod tests {
             columns: Vec::new(),
             springs: Vec::new(),
             row_of: Vec::new(),
+            filler: None,
         };
         let mut rows = empty;
         let given = lists.iter().cloned().enumerate();

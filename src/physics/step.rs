@@ -1,10 +1,11 @@
 //! What the passes of every solver's step share: the candidate state, the forces, the guard.
 
+use super::Body;
 use super::body::Revision;
+use super::gpu_terms::Part;
 use super::guard::gpu_data::Status;
 use super::guard::{ENERGY_FACTOR, ENERGY_FLOOR, HISTORY};
 use super::loads::LoadVersions;
-use super::{Body, Damping};
 use crate::Result;
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use glam::DVec3;
@@ -15,13 +16,9 @@ mod gpu_data {
         pub struct ForceParams {
             pub gravity: [f32; 4],
             pub nodes: u32,
-            pub damping: f32,
-            pub damping_time: f32,
-            pub axial: u32,
             pub newton: f32,
             pub _pad0: u32,
             pub _pad1: u32,
-            pub _pad2: u32,
         }
     }
     crate::gpu_struct! {
@@ -101,15 +98,15 @@ pub(super) struct Prepared {
     pub(super) loads: Option<LoadVersions>,
     /// What grabs by springs pull with at the candidate's positions.
     pub(super) draw: Option<Pass>,
-    pub(super) forces: Pass,
+    pub(super) forces: Vec<Pass>,
     pub(super) check: Pass,
     pub(super) commit: Pass,
     /// Clears a failure.
     pub(super) forgive: Pass,
     /// Before the first step on a state that was changed from outside: everything from it.
-    pub(super) restart: [Pass; 2],
+    pub(super) restart: Vec<Pass>,
     /// Before the first step of any other recording: external forces may have changed.
-    pub(super) resume: [Pass; 2],
+    pub(super) resume: Vec<Pass>,
 }
 
 /// Threads a workgroup, and workgroups, of passes that sum over `nodes`.
@@ -142,7 +139,7 @@ impl Core {
             history: gpu.buffer("history", u64::from(HISTORY) * 16)?,
             body: body.id,
             generation: body.generation,
-            texels: body.columns.len(),
+            texels: body.matter().texels(),
         })
     }
 
@@ -159,7 +156,7 @@ impl Core {
         self.groups = groups;
         self.nodes = nodes as u32;
         self.generation = body.generation;
-        self.texels = body.columns.len();
+        self.texels = body.matter().texels();
         Ok(())
     }
 
@@ -172,6 +169,11 @@ impl Core {
     ) -> Result<Prepared> {
         let velocities = step.velocities.as_ref().unwrap_or(&self.next_velocities);
         let state = body.nodes().array();
+        let mut restart = self.force_passes(body, state, &body.velocities)?;
+        restart.push(self.check_pass(2, local_dt)?);
+        let kept = step.velocities.as_ref().unwrap_or(&body.velocities);
+        let mut resume = self.force_passes(body, state, kept)?;
+        resume.push(self.check_pass(1, local_dt)?);
         Ok(Prepared {
             dt,
             local_dt,
@@ -179,7 +181,7 @@ impl Core {
             revision: body.revision(),
             loads: None,
             draw: None,
-            forces: self.force_pass(body, &self.next_positions, velocities)?,
+            forces: self.force_passes(body, &self.next_positions, velocities)?,
             check: self.check_pass(0, local_dt)?,
             commit: self
                 .gpu
@@ -195,40 +197,29 @@ impl Core {
                 .pass("physics/restart")
                 .write(&self.status)
                 .over(1)?,
-            restart: [
-                self.force_pass(body, state, &body.velocities)?,
-                self.check_pass(2, local_dt)?,
-            ],
-            resume: [
-                self.force_pass(
-                    body,
-                    state,
-                    step.velocities.as_ref().unwrap_or(&body.velocities),
-                )?,
-                self.check_pass(1, local_dt)?,
-            ],
+            restart,
+            resume,
             step,
         })
     }
 
-    pub(super) fn force_pass(
+    /// The forces at a state, and its energies.
+    pub(super) fn force_passes(
         &self,
         body: &Body,
         positions: &Array,
         velocities: &Array,
-    ) -> Result<Pass> {
+    ) -> Result<Vec<Pass>> {
+        let matter = body.matter();
+        let before = matter.before_forces(&self.gpu, positions, velocities, &self.status)?;
         let units = &body.units;
         let gravity = (body.gravity() / units.acceleration()).as_vec3();
         let params = ForceParams {
             gravity: gravity.extend(0.0).to_array(),
             nodes: self.nodes,
-            damping: (body.network.damping / units.damping()) as f32,
-            damping_time: (body.network.damping_time / units.time) as f32,
-            axial: u32::from(body.network.damping_kind == Damping::Axial),
             newton: (1.0 / units.force()) as f32,
             _pad0: 0,
             _pad1: 0,
-            _pad2: 0,
         };
         let name = body.composed("physics/forces");
         let pass = self
@@ -239,17 +230,13 @@ impl Core {
             .read(velocities)
             .read(&body.masses)
             .read(&body.external)
-            .read(&body.rows)
-            .read(&body.columns)
-            .read(&body.springs)
             .read(&self.status)
             .write(&self.forces)
             .write(&self.partials)
             .params(&params);
-        match &body.node_terms {
-            Some(numbers) => pass.read(numbers).over(self.groups * self.workgroup),
-            None => pass.over(self.groups * self.workgroup),
-        }
+        let threads = self.groups * self.workgroup;
+        let gather = body.bind_terms(pass, Part::Forces).over(threads)?;
+        Ok(before.into_iter().chain([gather]).collect())
     }
 
     /// `kind` as in `shaders/physics/check.wgsl`.

@@ -227,7 +227,9 @@ impl<S: Scheme> Stepper<S> {
             if let Some(draw) = &prepared.draw {
                 draw.record(work);
             }
-            prepared.forces.record(work);
+            for pass in &prepared.forces {
+                pass.record(work);
+            }
             for pass in &prepared.step.after {
                 pass.record(work);
             }

@@ -15,10 +15,10 @@ fn every_composed_shader_is_valid() {
     use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
     assert!(shader_names().count() > 0);
     for name in shader_names() {
-        let module = parse(name).unwrap_or_else(|e| panic!("{e}"));
+        let module = parse(&name).unwrap_or_else(|e| panic!("{e}"));
         Validator::new(ValidationFlags::all(), Capabilities::default())
             .validate(&module)
-            .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&compose(name).unwrap())));
+            .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&compose(&name).unwrap())));
     }
 }
 

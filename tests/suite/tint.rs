@@ -16,19 +16,12 @@ fn every_composed_shader_is_written_for_a_browser() {
 }
 
 fn composed() -> palpate::Result<Value> {
-    // With a term, as bodies have it beside springs.
-    let with_term = [
-        "physics/forces floor",
-        "physics/implicit_euler_begin floor",
-        "physics/implicit_euler_direction floor",
-    ];
     shader_names()
-        .chain(with_term)
         .map(|name| {
-            let module = parse(name)?;
+            let module = parse(&name)?;
             Ok(json!({
                 "name": name,
-                "source": compose(name)?,
+                "source": compose(&name)?,
                 "compute": module.entry_points.iter().any(|e| e.stage == ShaderStage::Compute),
                 "targets": targets(&module),
                 "depth": writes_depth(&module),

@@ -1,0 +1,60 @@
+// Tets of finite elements at rest, and how they are deformed. The twin of `physics::elements`.
+//
+// Everything is reckoned from G = F − I, made of displacements from rest, so that small strains
+// keep their digits in f32: G is exact where nothing moves.
+
+#import lib/array
+
+@group(0) @binding(next) var tets: texture_2d<u32>;
+// Three texels a tet: the gradients of the shape functions of its last three nodes; in w μ and λ
+// as they enter the energy, times the volume.
+@group(0) @binding(next) var shapes: texture_2d<f32>;
+// Where the nodes rest.
+@group(0) @binding(next) var rest: texture_2d<f32>;
+
+struct Tet {
+    nodes: vec4<u32>,
+    // Columns: the gradients of the last three nodes; those of the first are minus their sum.
+    gradients: mat3x3<f32>,
+    mu: f32,
+    lambda: f32,
+}
+
+fn tet_of(e: u32) -> Tet {
+    let a = textureLoad(shapes, at(3u * e), 0);
+    let b = textureLoad(shapes, at(3u * e + 1u), 0);
+    let c = textureLoad(shapes, at(3u * e + 2u), 0);
+    return Tet(textureLoad(tets, at(e), 0), mat3x3(a.xyz, b.xyz, c.xyz), a.w, b.w);
+}
+
+// The gradient of a field with these values at the four nodes, less that of the first.
+fn gradient_of(tet: Tet, first: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> mat3x3<f32> {
+    return mat3x3(a - first, b - first, c - first) * transpose(tet.gradients);
+}
+
+fn trace(m: mat3x3<f32>) -> f32 {
+    return m[0].x + m[1].y + m[2].z;
+}
+
+fn cofactor(m: mat3x3<f32>) -> mat3x3<f32> {
+    return mat3x3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
+}
+
+fn unit_matrix() -> mat3x3<f32> {
+    return mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+}
+
+// a : b.
+fn double_dot(a: mat3x3<f32>, b: mat3x3<f32>) -> f32 {
+    return dot(a[0], b[0]) + dot(a[1], b[1]) + dot(a[2], b[2]);
+}
+
+// J − 1 of F = I + G whose cofactors of G are c.
+fn volume_change(g: mat3x3<f32>, c: mat3x3<f32>) -> f32 {
+    return trace(g) + trace(c) + dot(g[0], c[0]);
+}
+
+// The cofactors of F = I + G, less the unit matrix.
+fn cofactor_change(g: mat3x3<f32>, c: mat3x3<f32>) -> mat3x3<f32> {
+    return trace(g) * unit_matrix() - transpose(g) + c;
+}

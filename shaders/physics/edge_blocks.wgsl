@@ -1,0 +1,80 @@
+// The blocks of the matrix that finite elements give each edge of the mesh, from the curvatures of
+// the tets around it, for both of its directions: three texels, the rows of (h² + hτ) K_ij.
+
+#import lib/array
+#import lib/status
+
+struct EdgeParams {
+    edges: u32,
+    // h² + hτ.
+    scale: f32,
+}
+
+// Of each edge: its first in `around`, how many those are, and the entries of its two directions.
+@group(0) @binding(0) var edges: texture_2d<u32>;
+// Tets around edges, each as 16 times its number, 4 times its corner at the one end, that at the
+// other.
+@group(0) @binding(1) var around: texture_2d<u32>;
+@group(0) @binding(2) var curvatures: texture_2d<f32>;
+@group(0) @binding(3) var<storage, read> status: Status;
+@group(0) @binding(4) var matrix: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(5) var<uniform> params: EdgeParams;
+
+// The gradient of a corner in the frame of its tet, whose texels begin with `first`.
+fn corner_gradient(first: u32, corner: u32) -> vec3<f32> {
+    if corner == 0u {
+        let a = textureLoad(curvatures, at(first + 3u), 0).xyz;
+        let b = textureLoad(curvatures, at(first + 4u), 0).xyz;
+        return -(a + b + textureLoad(curvatures, at(first + 5u), 0).xyz);
+    }
+    return textureLoad(curvatures, at(first + 2u + corner), 0).xyz;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let n = item(id, groups);
+    if n >= params.edges || status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    let edge = textureLoad(edges, at(n), 0);
+    var block = mat3x3(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for (var k = edge.x; k < edge.x + edge.y; k++) {
+        let tet = textureLoad(around, at(k), 0).x;
+        let first = 8u * (tet >> 4u);
+        let a = corner_gradient(first, (tet >> 2u) & 3u);
+        let b = corner_gradient(first, tet & 3u);
+        let c0 = textureLoad(curvatures, at(first), 0);
+        let c1 = textureLoad(curvatures, at(first + 1u), 0);
+        let c2 = textureLoad(curvatures, at(first + 2u), 0);
+        let off = vec3(
+            textureLoad(curvatures, at(first + 3u), 0).w,
+            textureLoad(curvatures, at(first + 4u), 0).w,
+            textureLoad(curvatures, at(first + 5u), 0).w,
+        );
+        let flip = textureLoad(curvatures, at(first + 6u), 0).xyz;
+        let twist = textureLoad(curvatures, at(first + 7u), 0).xyz;
+        // δP_lm goes with δF_lm by `same`, with δF_ml by `other`.
+        let same = 0.5 * (flip + twist);
+        let other = 0.5 * (flip - twist);
+        // In the frame: B_lk = a_l A_lk b_k + other a_k b_l, and on the diagonal what `same` adds.
+        let ab = a * b;
+        let on = vec3(c0.w, c1.w, c2.w) * ab + vec3(
+            same.z * ab.y + same.y * ab.z,
+            same.x * ab.z + same.z * ab.x,
+            same.y * ab.x + same.x * ab.y,
+        );
+        let framed = mat3x3(
+            vec3(on.x, a.y * off.z * b.x + other.z * a.x * b.y, a.z * off.y * b.x + other.y * a.x * b.z),
+            vec3(a.x * off.z * b.y + other.z * a.y * b.x, on.y, a.z * off.x * b.y + other.x * a.y * b.z),
+            vec3(a.x * off.y * b.z + other.y * a.z * b.x, a.y * off.x * b.z + other.x * a.z * b.y, on.z),
+        );
+        let u = mat3x3(c0.xyz, c1.xyz, c2.xyz);
+        block += u * framed * transpose(u);
+    }
+    block = params.scale * block;
+    let rows = transpose(block);
+    for (var k = 0u; k < 3u; k++) {
+        textureStore(matrix, at(3u * edge.z + k), vec4(rows[k], 0.0));
+        textureStore(matrix, at(3u * edge.w + k), vec4(block[k], 0.0));
+    }
+}

@@ -1,0 +1,94 @@
+// The incremental potential of each state that an implicit step of finite elements may start from.
+
+#each law #import terms/TERM
+#any node #import lib/node_terms
+#each node #import terms/TERM
+#import lib/reduce
+#import lib/start
+#import lib/status
+
+struct GuessParams {
+    gravity: vec4<f32>,
+    nodes: u32,
+    tets: u32,
+    dt: f32,
+    // h α, where a force −α m v slows every node.
+    drag: f32,
+    // Local units of force in a newton.
+    newton: f32,
+    _pad0: u32,
+    _pad1: u32,
+    _pad2: u32,
+}
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var velocities: texture_2d<f32>;
+// Those at the start of the step before.
+@group(0) @binding(2) var velocities_before: texture_2d<f32>;
+@group(0) @binding(3) var masses: texture_2d<f32>;
+@group(0) @binding(4) var external_forces: texture_2d<f32>;
+@group(0) @binding(5) var<storage, read> status: Status;
+// A workgroup's share of each potential.
+@group(0) @binding(6) var<storage, read_write> partials: array<vec4<f32>>;
+@group(0) @binding(7) var<uniform> params: GuessParams;
+
+// How far the node goes with each start, a column each.
+fn ways(i: u32) -> mat3x3<f32> {
+    let v = textureLoad(velocities, at(i), 0).xyz;
+    let before = textureLoad(velocities_before, at(i), 0).xyz;
+    let free = textureLoad(masses, at(i), 0).y != 0.0;
+    return mat3x3(
+        start_velocity(0u, v, before, free),
+        start_velocity(1u, v, before, free),
+        start_velocity(2u, v, before, free),
+    );
+}
+
+fn shift_of(i: u32) -> vec3<f32> {
+    return textureLoad(positions, at(i), 0).xyz - textureLoad(rest, at(i), 0).xyz;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    if status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    var sum = vec4(0.0);
+    for (var e = id.x; e < params.tets; e += groups.x * WORKGROUP) {
+        let tet = tet_of(e);
+        let n = tet.nodes;
+        let g = gradient_of(tet, shift_of(n.x), shift_of(n.y), shift_of(n.z), shift_of(n.w));
+        let w0 = ways(n.x);
+        let w1 = ways(n.y);
+        let w2 = ways(n.z);
+        let w3 = ways(n.w);
+        for (var c = 0u; c < STARTS; c++) {
+            let moved = g + params.dt * gradient_of(tet, w0[c], w1[c], w2[c], w3[c]);
+#each law             sum[c] += TERM_energy(moved, tet.mu, tet.lambda);
+        }
+    }
+    for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
+        let m = textureLoad(masses, at(i), 0);
+        if m.y != 0.0 {
+            let x = textureLoad(positions, at(i), 0).xyz;
+            let v = textureLoad(velocities, at(i), 0).xyz;
+            let pull = m.x * params.gravity.xyz + params.newton * textureLoad(external_forces, at(i), 0).xyz;
+            let w = ways(i);
+            for (var c = 0u; c < STARTS; c++) {
+                let change = w[c] - v;
+                sum[c] += 0.5 * m.x * (dot(change, change) + params.drag * dot(w[c], w[c]));
+                sum[c] -= params.dt * dot(w[c], pull);
+#each node                 sum[c] += TERM_force(INDEX, m.x, x + params.dt * w[c]).w;
+            }
+        }
+    }
+    let total = reduce(sum, lane);
+    if lane == 0u {
+        partials[group.x] = total;
+    }
+}

@@ -1,0 +1,85 @@
+// Finite elements: what the tets at a node give it. By which law is a matter of the passes over
+// tets, `physics/tet_forces` and `physics/tet_curvatures`.
+//
+// The rows are those of the corners at a node where forces are gathered, and those of its edges in
+// the matrix, whose rows add up to zero but for the masses: K p = Σ K_ij (p_j − p_i).
+#term matter
+
+#import lib/rows
+
+@group(0) @binding(next) var rows: texture_2d<u32>;
+@group(0) @binding(next) var columns: texture_2d<u32>;
+
+#for physics/forces
+struct ElementParams {
+    // α of a force −α m v.
+    drag: f32,
+    _pad0: u32,
+}
+
+// Of every corner of every tet: the force, and its share of the energy. The last is zero.
+@group(0) @binding(next) var tet_forces: texture_2d<f32>;
+@group(0) @binding(next) var<uniform> element_params: ElementParams;
+
+// The force on the node of row t, which is at x with the velocity v, and its share of the energy.
+fn elements_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
+    let row = row_of(t);
+    var sum = vec4(-element_params.drag * m * v, 0.0);
+    for (var q = 0u; q < row.z; q++) {
+        let corners = textureLoad(columns, column_texel(row.y, t, q), 0);
+        for (var k = 0u; k < 4u; k++) {
+            sum += textureLoad(tet_forces, at(corners[k]), 0);
+        }
+    }
+    return sum;
+}
+
+#for physics/implicit_euler_begin
+// Of each directed edge three texels: the rows of (h² + hτ) K_ij.
+@group(0) @binding(next) var matrix: texture_2d<f32>;
+// At the beginning of the step.
+@group(0) @binding(next) var step_velocities: texture_2d<f32>;
+
+// What its row adds to the system of a node, which is linearised at x, with the velocity v.
+fn elements_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> MatterShare {
+    let row = row_of(t);
+    var share = MatterShare(vec3(mass + params.drag * mass), vec3(0.0), vec3(0.0), vec3(0.0));
+    for (var q = 0u; q < row.z; q++) {
+        let neighbours = textureLoad(columns, column_texel(row.y, t, q), 0);
+        for (var k = 0u; k < 4u; k++) {
+            if neighbours[k] != row.x {
+                let first = 3u * entry_item(row.y, t, q * 4u + k);
+                let b0 = textureLoad(matrix, at(first), 0).xyz;
+                let b1 = textureLoad(matrix, at(first + 1u), 0).xyz;
+                let b2 = textureLoad(matrix, at(first + 2u), 0).xyz;
+                share.diagonal -= vec3(b0.x, b1.y, b2.z);
+                share.mixed -= 0.5 * (vec3(b0.yz, b1.z) + vec3(b1.x, b2.xy));
+            }
+        }
+    }
+    // The residual is M (v₀ − v) + h f(x, v).
+    share.ahead = mass * (textureLoad(step_velocities, at(row.x), 0).xyz - v) / (h * h);
+    return share;
+}
+
+#for physics/implicit_euler_direction
+@group(0) @binding(next) var matrix: texture_2d<f32>;
+
+// What the elements of row t add to q = A p at its node, q so far and p given.
+fn elements_product(t: u32, so_far: vec3<f32>, p: vec3<f32>, beta: f32, first: bool) -> vec3<f32> {
+    let row = row_of(t);
+    var q = so_far + params.drag * so_far;
+    for (var k = 0u; k < row.z; k++) {
+        let neighbours = textureLoad(columns, column_texel(row.y, t, k), 0);
+        for (var c = 0u; c < 4u; c++) {
+            let d = direction_of(at(neighbours[c]), beta, first) - p;
+            let block = 3u * entry_item(row.y, t, k * 4u + c);
+            q += vec3(
+                dot(textureLoad(matrix, at(block), 0).xyz, d),
+                dot(textureLoad(matrix, at(block + 1u), 0).xyz, d),
+                dot(textureLoad(matrix, at(block + 2u), 0).xyz, d),
+            );
+        }
+    }
+    return q;
+}

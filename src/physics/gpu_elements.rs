@@ -1,0 +1,308 @@
+//! Finite elements as a term on the GPU; the twin of `shaders/terms/elements.wgsl`,
+//! `shaders/lib/tets.wgsl` and the passes over tets.
+//!
+//! A pass over tets makes the forces on the four corners of each; the pass that gathers all forces
+//! of a node adds them up, through rows of the corners at each node.
+
+use super::Law;
+use super::gpu_springs::GpuSprings;
+use super::gpu_terms::{GpuTerm, Part};
+use super::network::SpringNetwork;
+use super::rows::Rows;
+use super::units::Units;
+use crate::gpu::{Array, Gpu, Pass, PassBuilder, Texel};
+use crate::{Error, Result};
+use glam::Vec3;
+use std::collections::BTreeMap;
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/terms/elements.wgsl`.
+        pub struct ElementParams {
+            pub drag: f32,
+            pub _pad0: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/tet_forces.wgsl`.
+        pub struct TetForceParams {
+            pub tets: u32,
+            pub damping_time: f32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/tet_curvatures.wgsl`.
+        pub struct CurvatureParams {
+            pub tets: u32,
+            pub _pad0: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/edge_blocks.wgsl`.
+        pub struct EdgeParams {
+            pub edges: u32,
+            pub scale: f32,
+        }
+    }
+}
+use gpu_data::{CurvatureParams, EdgeParams, ElementParams, TetForceParams};
+
+/// Texels of the curvature of a tet.
+const CURVATURE_TEXELS: usize = 8;
+
+/// Texels of a directed edge in the matrix.
+const BLOCK_TEXELS: usize = 3;
+
+/// What an edge block, an incidence and the work on a tet weigh beside a visit to a spring.
+const WEIGHT: u32 = 4;
+
+/// The finite elements of a body.
+#[derive(Debug)]
+pub(super) struct GpuElements {
+    law: Law,
+    count: u32,
+    tets: Array,
+    shapes: Array,
+    rest: Array,
+    rows: Array,
+    corners: Array,
+    /// Of the springs, which are the edges of the mesh.
+    edge_rows: Array,
+    edge_columns: Array,
+    matrix_texels: usize,
+    edges: Array,
+    around: Array,
+    tet_forces: Array,
+    params: ElementParams,
+    damping_time: f32,
+}
+
+/// The lists that the arrays are made of.
+struct Lists {
+    tets: Vec<[u32; 4]>,
+    shapes: Vec<[f32; 4]>,
+    /// The corners at each node.
+    corners: Vec<Vec<u32>>,
+    edges: Vec<[u32; 4]>,
+    around: Vec<u32>,
+}
+
+impl GpuElements {
+    /// The elements of `network`, whose nodes rest at the local positions `rest` and whose edges
+    /// are `springs`; none where it has none.
+    pub fn new(
+        gpu: &Gpu,
+        network: &SpringNetwork,
+        rest: &[Vec3],
+        (springs, units): (&GpuSprings, &Units),
+    ) -> Result<Option<GpuElements>> {
+        let elements = &network.elements;
+        if elements.is_empty() {
+            return Ok(None);
+        }
+        let count = elements.tets.len();
+        if count >= 1 << 28 {
+            return Err(Error::Mesh(
+                "there are more tets than 32-bit indices allow; use a coarser mesh".into(),
+            ));
+        }
+        let lists = Lists::new(network, springs.kept(), units)?;
+        let rows = Rows::of_lists(&lists.corners, 4 * count as u32)?;
+        let places: Vec<[f32; 4]> = rest.iter().map(|x| x.extend(0.0).to_array()).collect();
+        let array = |label: &str, len| gpu.array(label, Texel::F32x4, len);
+        Ok(Some(GpuElements {
+            law: elements.law,
+            count: count as u32,
+            tets: gpu.array_of("tets", Texel::U32x4, &lists.tets)?,
+            shapes: gpu.array_of("shapes", Texel::F32x4, &lists.shapes)?,
+            rest: gpu.array_of("rest", Texel::F32x4, &places)?,
+            rows: gpu.array_of("corner rows", Texel::U32x4, &rows.rows)?,
+            corners: gpu.array_of("corners", Texel::U32x4, &rows.columns)?,
+            edge_rows: springs.rows.clone(),
+            edge_columns: springs.columns.clone(),
+            matrix_texels: BLOCK_TEXELS * springs.kept().springs.len(),
+            edges: gpu.array_of("edges", Texel::U32x4, &lists.edges)?,
+            around: gpu.array_of("tets around edges", Texel::U32, &lists.around)?,
+            // One more, of which nothing but zero comes.
+            tet_forces: array("forces of tets", 4 * count + 1)?,
+            params: ElementParams {
+                drag: (elements.mass_damping * units.time) as f32,
+                _pad0: 0,
+            },
+            damping_time: (network.damping_time / units.time) as f32,
+        }))
+    }
+
+    /// α in local units: of a force −α m v on every node.
+    pub fn drag(&self) -> f32 {
+        self.params.drag
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Texels that [`GpuElements::curvature_pass`] writes.
+    pub fn curvature_texels(&self) -> usize {
+        CURVATURE_TEXELS * self.count as usize
+    }
+
+    /// The name of the file of its law in `shaders/terms`.
+    pub fn law(&self) -> &'static str {
+        match self.law {
+            Law::NeoHookean => "neo_hookean",
+            Law::Corotated => "corotated",
+        }
+    }
+
+    /// Binds what passes composed with the law read of the tets.
+    pub fn bind_law<'a>(&'a self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
+        pass.read(&self.tets).read(&self.shapes).read(&self.rest)
+    }
+
+    /// The curvatures of all tets at `positions`.
+    pub fn curvature_pass(
+        &self,
+        gpu: &Gpu,
+        positions: &Array,
+        status: &wgpu::Buffer,
+        curvatures: &Array,
+    ) -> Result<Pass> {
+        let name = format!("physics/tet_curvatures {}", self.law());
+        let params = CurvatureParams {
+            tets: self.count,
+            _pad0: 0,
+        };
+        let pass = gpu
+            .pass(&name)
+            .read(positions)
+            .read(status)
+            .write(curvatures)
+            .params(&params);
+        self.bind_law(pass).over(self.count)
+    }
+
+    /// The blocks of the matrix from `curvatures`, for a step of `dt` in local units.
+    pub fn block_pass(
+        &self,
+        gpu: &Gpu,
+        curvatures: &Array,
+        status: &wgpu::Buffer,
+        (matrix, dt): (&Array, f32),
+    ) -> Result<Pass> {
+        let params = EdgeParams {
+            edges: self.edges.len(),
+            scale: dt * (dt + self.damping_time),
+        };
+        gpu.pass("physics/edge_blocks")
+            .read(&self.edges)
+            .read(&self.around)
+            .read(curvatures)
+            .read(status)
+            .write(matrix)
+            .params(&params)
+            .over(self.edges.len())
+    }
+}
+
+impl GpuTerm for GpuElements {
+    fn name(&self) -> &'static str {
+        "elements"
+    }
+
+    fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: Part<'a>) -> PassBuilder<'a> {
+        match part {
+            Part::Forces => pass
+                .read(&self.rows)
+                .read(&self.corners)
+                .read(&self.tet_forces)
+                .params(&self.params),
+            Part::System { matrix, velocities } => pass
+                .read(&self.edge_rows)
+                .read(&self.edge_columns)
+                .read(matrix)
+                .read(velocities),
+            Part::Product { matrix, .. } => pass
+                .read(&self.edge_rows)
+                .read(&self.edge_columns)
+                .read(matrix),
+        }
+    }
+
+    /// The forces of the tets.
+    fn before_forces(
+        &self,
+        gpu: &Gpu,
+        positions: &Array,
+        velocities: &Array,
+        status: &wgpu::Buffer,
+    ) -> Result<Option<Pass>> {
+        let name = format!("physics/tet_forces {}", self.law());
+        let params = TetForceParams {
+            tets: self.count,
+            damping_time: self.damping_time,
+        };
+        let pass = gpu
+            .pass(&name)
+            .read(positions)
+            .read(velocities)
+            .read(status)
+            .write(&self.tet_forces)
+            .params(&params);
+        self.bind_law(pass).over(self.count).map(Some)
+    }
+
+    fn matrix_texels(&self) -> usize {
+        self.matrix_texels
+    }
+
+    fn texels(&self) -> u32 {
+        WEIGHT * self.edge_columns.len()
+    }
+}
+
+impl Lists {
+    fn new(network: &SpringNetwork, kept: &Rows, units: &Units) -> Result<Lists> {
+        let mut lists = Lists {
+            tets: Vec::new(),
+            shapes: Vec::new(),
+            corners: vec![Vec::new(); network.rest.len()],
+            edges: Vec::new(),
+            around: Vec::new(),
+        };
+        // Every edge with the tets around it: number and the corners at its two ends.
+        let mut edges: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+        for (e, element) in network.elements.tets.iter().enumerate() {
+            let e = e as u32;
+            lists.tets.push(element.nodes);
+            let [_, gradients @ ..] = element.gradients();
+            let lame = element.lame.map(|l| l * element.volume / units.energy());
+            let w = [lame[0], lame[1], 0.0];
+            for (g, w) in gradients.iter().zip(w) {
+                let g = (*g * units.length).as_vec3();
+                lists.shapes.push(g.extend(w as f32).to_array());
+            }
+            for (a, i) in element.nodes.iter().enumerate() {
+                lists.corners[*i as usize].push(4 * e + a as u32);
+                for (b, j) in element.nodes.iter().enumerate() {
+                    if i < j {
+                        let corners = 4 * a as u32 + b as u32;
+                        edges.entry([*i, *j]).or_default().push(16 * e + corners);
+                    }
+                }
+            }
+        }
+        for ([i, j], tets) in edges {
+            let first = lists.around.len() as u32;
+            let (Some(there), Some(back)) = (kept.entry(i, j), kept.entry(j, i)) else {
+                return Err(Error::Input(format!(
+                    "a tet is to resist between the nodes {i} and {j}, between which the body has no edge"
+                )));
+            };
+            lists.edges.push([first, tets.len() as u32, there, back]);
+            lists.around.extend(tets);
+        }
+        Ok(lists)
+    }
+}

@@ -1,0 +1,163 @@
+//! Where an implicit step of finite elements starts from, and what its linear system is made of
+//! there; the twin of `shaders/physics/implicit_euler_guess.wgsl` and `implicit_euler_start.wgsl`.
+//!
+//! A step is one Newton iteration on the incremental potential. Its error is that of its start
+//! first of all: x + h (2v − v₋₁), two orders nearer than x, is taken where that has the least
+//! potential.
+
+use super::Body;
+use super::gpu_elements::GpuElements;
+use super::step::Core;
+use crate::Result;
+use crate::gpu::{Array, Pass, Texel};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/physics/implicit_euler_guess.wgsl`.
+        pub struct GuessParams {
+            pub gravity: [f32; 4],
+            pub nodes: u32,
+            pub tets: u32,
+            pub dt: f32,
+            pub drag: f32,
+            pub newton: f32,
+            pub _pad0: u32,
+            pub _pad1: u32,
+            pub _pad2: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/physics/implicit_euler_start.wgsl`.
+        pub struct StartParams {
+            pub nodes: u32,
+            pub groups: u32,
+            pub dt: f32,
+            pub _pad0: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/gpu/scale.wgsl`.
+        pub struct Scale {
+            pub items: u32,
+            pub factor: f32,
+        }
+    }
+}
+use gpu_data::{GuessParams, Scale, StartParams};
+
+/// The state that a step starts from, and the curvatures of the tets there.
+#[derive(Debug)]
+pub(super) struct Start {
+    pub positions: Array,
+    pub velocities: Array,
+    /// The velocities at the start of the step before.
+    pub before: Array,
+    curvatures: Array,
+    partials: wgpu::Buffer,
+}
+
+impl Start {
+    /// For a body of `elements`.
+    pub fn new(core: &Core, elements: &GpuElements) -> Result<Start> {
+        let gpu = &core.gpu;
+        let vector = |label| gpu.roomy_array(label, Texel::F32x4, core.nodes as usize);
+        let curvatures = elements.curvature_texels();
+        Ok(Start {
+            positions: vector("start positions")?,
+            velocities: vector("start velocities")?,
+            before: vector("velocities before")?,
+            curvatures: gpu.array("curvatures", Texel::F32x4, curvatures)?,
+            partials: gpu.buffer("partial potentials", u64::from(core.groups) * 16)?,
+        })
+    }
+
+    /// The passes that pick the start of a step, and put the blocks of the matrix there into
+    /// `matrix`; forces there are in `core.forces` afterwards.
+    pub fn passes(
+        &self,
+        core: &Core,
+        body: &Body,
+        elements: &GpuElements,
+        (matrix, dt): (&Array, f32),
+    ) -> Result<Vec<Pass>> {
+        let (gpu, status) = (&core.gpu, &core.status);
+        let mut passes = vec![
+            self.guess(core, body, elements, dt)?,
+            self.pick(core, body, dt)?,
+            elements.curvature_pass(gpu, &self.positions, status, &self.curvatures)?,
+            elements.block_pass(gpu, &self.curvatures, status, (matrix, dt))?,
+        ];
+        passes.extend(core.force_passes(body, &self.positions, &self.velocities)?);
+        Ok(passes)
+    }
+
+    fn guess(&self, core: &Core, body: &Body, elements: &GpuElements, dt: f32) -> Result<Pass> {
+        let units = &body.units;
+        let gravity = (body.gravity() / units.acceleration()).as_vec3();
+        let params = GuessParams {
+            gravity: gravity.extend(0.0).to_array(),
+            nodes: core.nodes,
+            tets: elements.count(),
+            dt,
+            drag: dt * elements.drag(),
+            newton: (1.0 / units.force()) as f32,
+            _pad0: 0,
+            _pad1: 0,
+            _pad2: 0,
+        };
+        let name = body.named("physics/implicit_euler_guess", elements.law());
+        let pass = core
+            .gpu
+            .pass(&name)
+            .constant("WORKGROUP", f64::from(core.workgroup))
+            .read(body.nodes().array())
+            .read(&body.velocities)
+            .read(&self.before)
+            .read(&body.masses)
+            .read(&body.external)
+            .read(&core.status)
+            .write(&self.partials)
+            .params(&params);
+        let pass = elements.bind_law(pass);
+        match &body.node_terms {
+            Some(numbers) => pass.read(numbers),
+            None => pass,
+        }
+        .over(core.groups * core.workgroup)
+    }
+
+    fn pick(&self, core: &Core, body: &Body, dt: f32) -> Result<Pass> {
+        let params = StartParams {
+            nodes: core.nodes,
+            groups: core.groups,
+            dt,
+            _pad0: 0,
+        };
+        core.gpu
+            .pass("physics/implicit_euler_start")
+            .constant("WORKGROUP", f64::from(core.workgroup))
+            .read(body.nodes().array())
+            .read(&body.velocities)
+            .read(&self.before)
+            .read(&body.masses)
+            .read(&self.partials)
+            .read(&core.status)
+            .write(&self.positions)
+            .write(&self.velocities)
+            .params(&params)
+            .over(core.groups * core.workgroup)
+    }
+
+    /// Keeps the velocities for the next step, before they change.
+    pub fn keep(&self, core: &Core, body: &Body) -> Result<Pass> {
+        core.gpu
+            .pass("gpu/scale")
+            .read(&body.velocities)
+            .write(&self.before)
+            .params(&Scale {
+                items: core.nodes,
+                factor: 1.0,
+            })
+            .over(core.nodes)
+    }
+}

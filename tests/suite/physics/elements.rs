@@ -1,0 +1,553 @@
+//! Finite elements on the GPU, held against their plain form in float64.
+
+use super::common::{Noise, solver};
+use glam::{DMat3, DVec3};
+use palpate::gpu::Gpu;
+use palpate::mesh::{Blade, TetMesh, Topology, generate};
+use palpate::physics::plain::linear::conjugate_gradients;
+use palpate::physics::{
+    Body, ConjugateGradients, ImplicitEuler, Law, Material, MaterialModel, Report, Solver,
+    SolverKind, SpringNetwork,
+};
+
+const MODELS: [MaterialModel; 2] = [MaterialModel::NeoHookean, MaterialModel::Corotated];
+
+/// A body and its state in float64, SI units.
+struct Truth {
+    network: SpringNetwork,
+    x: Vec<DVec3>,
+    v: Vec<DVec3>,
+    gravity: DVec3,
+    pinned: Vec<bool>,
+}
+
+type Blocks = Vec<([u32; 4], [[DMat3; 4]; 4])>;
+
+impl Truth {
+    fn of(body: &Body) -> Truth {
+        let network = body.network().clone();
+        let unit = network.length_unit;
+        let (x, v) = (body.positions().unwrap(), body.velocities().unwrap());
+        Truth {
+            x: x.iter().map(|x| network.to_metres(*x)).collect(),
+            v: v.iter().map(|v| *v * unit).collect(),
+            gravity: body.gravity(),
+            pinned: body.pinned().to_vec(),
+            network,
+        }
+    }
+
+    fn law(&self) -> Law {
+        self.network.elements.law
+    }
+
+    fn energy(&self, x: &[DVec3]) -> f64 {
+        let tets = self.network.elements.tets.iter();
+        tets.map(|e| e.energy(self.law(), &e.nodes.map(|v| x[v as usize])))
+            .sum()
+    }
+
+    fn blocks(&self, x: &[DVec3]) -> Blocks {
+        let tets = self.network.elements.tets.iter();
+        tets.map(|e| {
+            let corners = e.nodes.map(|v| x[v as usize]);
+            (e.nodes, e.projected_stiffness(self.law(), &corners))
+        })
+        .collect()
+    }
+
+    /// Elastic forces, weight, and what damps a motion with the velocities `v`.
+    fn forces(&self, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
+        let masses = self.network.masses.iter();
+        let drag = self.network.elements.mass_damping;
+        let mut f: Vec<DVec3> = masses
+            .zip(v)
+            .map(|(m, v)| *m * (self.gravity - drag * *v))
+            .collect();
+        for e in &self.network.elements.tets {
+            let shares = e.forces(self.law(), &e.nodes.map(|v| x[v as usize]));
+            for (v, share) in e.nodes.iter().zip(shares) {
+                f[*v as usize] += share;
+            }
+        }
+        let time = self.network.damping_time;
+        if time > 0.0 {
+            let kv = product(&self.blocks(x), v);
+            f.iter_mut().zip(kv).for_each(|(f, kv)| *f -= time * kv);
+        }
+        f
+    }
+
+    fn accelerations(&self, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
+        let f = self.forces(x, v);
+        let each = f.iter().zip(&self.network.masses).zip(&self.pinned);
+        each.map(|((f, m), held)| if *held { DVec3::ZERO } else { *f / *m })
+            .collect()
+    }
+
+    fn symplectic(&mut self, h: f64) {
+        let a = self.accelerations(&self.x, &self.v);
+        for i in 0..a.len() {
+            self.v[i] += h * a[i];
+            let step = h * self.v[i];
+            self.x[i] += step;
+        }
+    }
+
+    /// The change of the velocities `w` that one Newton iteration gives, from where they lead.
+    fn newton(&self, w: &[DVec3], h: f64) -> Vec<DVec3> {
+        let x: Vec<DVec3> = self.x.iter().zip(w).map(|(x, w)| *x + h * *w).collect();
+        let f = self.forces(&x, w);
+        let blocks = self.blocks(&x);
+        let masses = &self.network.masses;
+        let scale = h * (h + self.network.damping_time);
+        let drag = 1.0 + h * self.network.elements.mass_damping;
+        let free = |v: Vec<DVec3>| -> Vec<DVec3> {
+            let each = v.into_iter().zip(&self.pinned);
+            each.map(|(v, held)| if *held { DVec3::ZERO } else { v })
+                .collect()
+        };
+        let r = (0..w.len()).map(|i| masses[i] * (self.v[i] - w[i]) + h * f[i]);
+        let system = |p: &[DVec3]| {
+            let kp = product(&blocks, p);
+            free(
+                (0..p.len())
+                    .map(|i| drag * masses[i] * p[i] + scale * kp[i])
+                    .collect(),
+            )
+        };
+        let mut diagonal: Vec<DMat3> = masses.iter().map(|m| DMat3::IDENTITY * drag * *m).collect();
+        for (nodes, block) in &blocks {
+            for (a, v) in nodes.iter().enumerate() {
+                diagonal[*v as usize] += scale * block[a][a];
+            }
+        }
+        let r = free(r.collect());
+        conjugate_gradients(system, &diagonal, &self.pinned, r, 1e-11, 4000).x
+    }
+
+    fn advance(&mut self, w: Vec<DVec3>, h: f64) {
+        self.x.iter_mut().zip(&w).for_each(|(x, w)| *x += h * *w);
+        self.v = w;
+    }
+
+    /// One step as the GPU does it; `before` are the velocities before the last step. Returns the
+    /// start that it picked.
+    fn step(&mut self, before: &[DVec3], h: f64) -> usize {
+        let nodes = 0..self.x.len();
+        let held = |i: usize, w: DVec3| if self.pinned[i] { DVec3::ZERO } else { w };
+        let starts: [Vec<DVec3>; 3] = [
+            nodes.clone().map(|_| DVec3::ZERO).collect(),
+            nodes.clone().map(|i| held(i, self.v[i])).collect(),
+            nodes
+                .map(|i| held(i, 2.0 * self.v[i] - before[i]))
+                .collect(),
+        ];
+        let potentials = starts.each_ref().map(|w| self.potential(w, h));
+        let best = (0..3).min_by(|a, b| potentials[*a].total_cmp(&potentials[*b]));
+        let best = best.unwrap();
+        let mut w = starts[best].clone();
+        let u = self.newton(&w, h);
+        w.iter_mut().zip(u).for_each(|(w, u)| *w += u);
+        self.advance(w, h);
+        best
+    }
+
+    fn potential(&self, w: &[DVec3], h: f64) -> f64 {
+        let x: Vec<DVec3> = self.x.iter().zip(w).map(|(x, w)| *x + h * *w).collect();
+        let drag = h * self.network.elements.mass_damping;
+        let inertia: f64 = (0..w.len())
+            .filter(|i| !self.pinned[*i])
+            .map(|i| {
+                let still = (w[i] - self.v[i]).length_squared() + drag * w[i].length_squared();
+                self.network.masses[i] * (0.5 * still - h * self.gravity.dot(w[i]))
+            })
+            .sum();
+        inertia + self.energy(&x)
+    }
+
+    /// A step to the minimum of the incremental potential.
+    fn converged_step(&mut self, h: f64) {
+        let held = |(v, held): (&DVec3, &bool)| if *held { DVec3::ZERO } else { *v };
+        let mut w: Vec<DVec3> = self.v.iter().zip(&self.pinned).map(held).collect();
+        for _ in 0..40 {
+            let u = self.newton(&w, h);
+            let size = |u: &[DVec3]| u.iter().map(|u| u.length()).fold(0.0, f64::max);
+            w.iter_mut().zip(&u).for_each(|(w, u)| *w += *u);
+            if size(&u) <= 1e-9 * size(&w) {
+                break;
+            }
+        }
+        self.advance(w, h);
+    }
+}
+
+fn product(blocks: &Blocks, p: &[DVec3]) -> Vec<DVec3> {
+    let mut out = vec![DVec3::ZERO; p.len()];
+    for (nodes, block) in blocks {
+        for (a, i) in nodes.iter().enumerate() {
+            for (b, j) in nodes.iter().enumerate() {
+                out[*i as usize] += block[a][b] * p[*j as usize];
+            }
+        }
+    }
+    out
+}
+
+/// The greatest distance, over the greatest length in `b`.
+fn relative(a: &[DVec3], b: &[DVec3]) -> f64 {
+    let most = |a: f64, b: f64| if b.is_nan() { f64::NAN } else { a.max(b) };
+    let apart = a.iter().zip(b).map(|(a, b)| a.distance(*b));
+    apart.fold(0.0, most) / b.iter().map(|b| b.length()).fold(0.0, most)
+}
+
+fn material(model: MaterialModel) -> Material {
+    Material {
+        model,
+        poisson: 0.35,
+        ..Material::young(2e4)
+    }
+}
+
+/// A bar whose nodes f32 holds exactly.
+fn bar() -> TetMesh {
+    generate::bar([8, 2, 2], DVec3::new(1.0, 0.25, 0.25)).unwrap()
+}
+
+/// Forces and elastic energy that the GPU finds at a state, by a step too short to move.
+fn gpu_forces(gpu: &Gpu, body: &mut Body) -> (Vec<DVec3>, f64) {
+    let before = Truth::of(body);
+    let h = 1e-7 * body.units().time;
+    let mut stepper = solver(gpu, body, SolverKind::Symplectic);
+    let progress = stepper.run(body, 1, h).unwrap();
+    let after = Truth::of(body);
+    let change = after.v.iter().zip(&before.v).zip(&before.network.masses);
+    let f = change.map(|((b, a), m)| *m * (*b - *a) / h).collect();
+    (f, progress.last.elastic)
+}
+
+/// Random states: moved a little, much, turned inside out, and pressed flat.
+fn states(mesh: &TetMesh) -> Vec<(&'static str, Vec<DVec3>)> {
+    let mut noise = Noise(3);
+    let mut moved = |amount: f64| -> Vec<DVec3> {
+        let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -1.0).normalize(), 0.7);
+        let nodes = mesh.nodes.iter();
+        nodes
+            .map(|p| turn * (*p + amount * noise.vector()))
+            .collect()
+    };
+    let flat = mesh.nodes.iter().map(|p| DVec3::new(p.x, p.y, 0.0));
+    vec![
+        ("a little", moved(1e-3)),
+        ("much", moved(0.02)),
+        ("inside out", moved(0.15)),
+        ("flat", flat.collect()),
+        (
+            "mirrored",
+            mesh.nodes.iter().map(|p| p.with_z(-p.z)).collect(),
+        ),
+    ]
+}
+
+#[test]
+fn forces_and_energy_of_any_state() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = bar();
+    for model in MODELS {
+        for (name, x) in states(&mesh) {
+            let mut body = Body::new(&gpu, &mesh, &material(model)).unwrap();
+            body.set_positions(&x).unwrap();
+            let mut truth = Truth::of(&body);
+            let (f, energy) = gpu_forces(&gpu, &mut body);
+            let expected = truth.forces(&truth.x, &truth.v);
+            let (apart, energies) = (relative(&f, &expected), truth.energy(&truth.x));
+            println!(
+                "{model} {name}: forces {apart:.1e}, energy {:.1e}",
+                energy / energies - 1.0
+            );
+            assert!(apart < 2e-4, "{model} {name}: {apart}");
+            assert!((energy / energies - 1.0).abs() < 1e-4, "{model} {name}");
+            let report = Report::new(&body, &mesh).unwrap();
+            assert!((report.energy.elastic / energies - 1.0).abs() < 1e-4);
+            // It can fail: by the other law these are other forces.
+            truth.network.elements.law = match truth.law() {
+                Law::NeoHookean => Law::Corotated,
+                Law::Corotated => Law::NeoHookean,
+            };
+            let other = truth.forces(&truth.x, &truth.v);
+            assert!(relative(&f, &other) > 1e-2, "{model} {name}");
+        }
+    }
+}
+
+#[test]
+fn a_body_at_rest_has_no_forces() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::ball(0.037, 5).unwrap();
+    for model in MODELS {
+        let mut body = Body::new(&gpu, &mesh, &material(model)).unwrap();
+        let (f, energy) = gpu_forces(&gpu, &mut body);
+        assert!(f.iter().all(|f| *f == DVec3::ZERO), "{model}");
+        assert_eq!(energy, 0.0);
+    }
+}
+
+/// Forces in proportion to velocities are τ K v, K the second derivatives of the energy where
+/// these are positive.
+#[test]
+fn damping_is_the_derivative_of_the_forces() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = bar();
+    for model in MODELS {
+        for (name, x) in states(&mesh) {
+            let still = material(model);
+            let damped = Material {
+                damping_time: 0.05,
+                ..material(model)
+            };
+            let mut body = Body::new(&gpu, &mesh, &damped).unwrap();
+            body.set_positions(&x).unwrap();
+            let v: Vec<DVec3> = Noise(9).vectors(x.len());
+            body.set_velocities(&v).unwrap();
+            let truth = Truth::of(&body);
+            let (f, _) = gpu_forces(&gpu, &mut body);
+            let expected = truth.forces(&truth.x, &truth.v);
+            let apart = relative(&f, &expected);
+            println!("{model} {name}: {apart:.1e}");
+            assert!(apart < 1e-3, "{model} {name}: {apart}");
+            if name == "a little" {
+                // Of nearly relaxed tets nothing is negative.
+                let plain = Truth {
+                    network: SpringNetwork::new(&mesh, &still).unwrap(),
+                    ..Truth::of(&body)
+                };
+                let at = |s: f64| {
+                    let x = truth.x.iter().zip(&truth.v);
+                    plain.forces(&x.map(|(x, v)| *x + s * *v).collect::<Vec<_>>(), &truth.v)
+                };
+                let (less, more, here) = (at(-1e-6), at(1e-6), at(0.0));
+                let nodes = 0..here.len();
+                let measured = nodes.map(|i| here[i] + 0.05 * (more[i] - less[i]) / 2e-6);
+                let measured: Vec<DVec3> = measured.collect();
+                let apart = relative(&f, &measured);
+                assert!(apart < 2e-2, "{model}: {apart}");
+                assert!(relative(&f, &here) > 0.5);
+            }
+        }
+    }
+}
+
+fn swinging(gpu: &Gpu, model: MaterialModel, damping_time: f64) -> Body {
+    let mesh = bar();
+    let material = Material {
+        damping_time,
+        ..material(model)
+    };
+    let mut network = SpringNetwork::new(&mesh, &material).unwrap();
+    network.elements.mass_damping = 0.4;
+    let mut body = Body::of_network(gpu, &mesh, network, &material).unwrap();
+    body.pin(|p| p.x < 1e-6);
+    body.set_gravity(DVec3::new(0.0, 2.0, -9.81));
+    body
+}
+
+#[test]
+fn explicit_steps() {
+    let gpu = Gpu::new().unwrap();
+    for model in MODELS {
+        let mut body = swinging(&gpu, model, 1e-4);
+        let mut truth = Truth::of(&body);
+        let (h, steps) = (2e-4, 300);
+        let mut stepper = solver(&gpu, &body, SolverKind::Symplectic);
+        stepper.run(&mut body, steps, h).unwrap();
+        let rest = truth.x.clone();
+        for _ in 0..steps {
+            truth.symplectic(h);
+        }
+        let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        let there = Truth::of(&body);
+        let gone: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        let apart = relative(&gone, &way);
+        println!(
+            "{model}: {apart:.1e} of {:.3} m",
+            way.last().unwrap().length()
+        );
+        assert!(apart < 2e-3, "{model}: {apart}");
+        truth.symplectic(h);
+        let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        assert!(relative(&gone, &way) > 2.0 * apart, "{model}");
+    }
+}
+
+/// Steps from random states are the Newton iteration that they are meant to be, and over a motion
+/// they are near what converged ones come to.
+#[test]
+fn implicit_steps() {
+    let gpu = Gpu::new().unwrap();
+    let settings = ConjugateGradients {
+        tolerance: 1e-6,
+        ..ConjugateGradients::default()
+    };
+    let mesh = bar();
+    for model in MODELS {
+        for (name, x) in states(&mesh) {
+            for damping_time in [0.0, 0.004] {
+                let mut body = swinging(&gpu, model, damping_time);
+                body.set_positions(&x).unwrap();
+                let v = Noise(4).vectors(x.len()).into_iter().zip(body.pinned());
+                let v = v.map(|(v, held)| if *held { DVec3::ZERO } else { 0.3 * v });
+                body.set_velocities(&v.collect::<Vec<_>>()).unwrap();
+                let mut truth = Truth::of(&body);
+                let mut stepper = ImplicitEuler::with(&gpu, &body, settings).unwrap();
+                stepper.run(&mut body, 1, 0.01).unwrap();
+                let (start, v) = (truth.x.clone(), truth.v.clone());
+                let picked = truth.step(&v, 0.01);
+                let there = Truth::of(&body);
+                let apart = relative(&there.v, &truth.v);
+                println!("{model} {name} τ {damping_time}: from start {picked}, {apart:.1e}");
+                assert!(apart < 2e-3, "{model} {name}: {apart}");
+                // It can fail: another step length is another step.
+                truth.x = start;
+                truth.v = v.clone();
+                truth.step(&v, 0.0101);
+                assert!(relative(&there.v, &truth.v) > 2.0 * apart, "{model} {name}");
+            }
+        }
+        for damping_time in [0.0, 0.004] {
+            let mut body = swinging(&gpu, model, damping_time);
+            let mut truth = Truth::of(&body);
+            let rest = truth.x.clone();
+            let mut stepper = ImplicitEuler::with(&gpu, &body, settings).unwrap();
+            stepper.run(&mut body, 40, 0.01).unwrap();
+            (0..40).for_each(|_| truth.converged_step(0.01));
+            let there = Truth::of(&body);
+            let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+            let gone: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+            let apart = relative(&gone, &way);
+            println!(
+                "{model} τ {damping_time}: {apart:.1e} of {:.3} m",
+                way.last().unwrap().length()
+            );
+            assert!(apart < 2e-2, "{model}: {apart}");
+        }
+    }
+}
+
+/// The patch test: a body of any mesh, strained alike everywhere, is in balance inside. And Hooke:
+/// pulled along x by the strain s, and narrower by ν s, it resists with E s an area, and not at
+/// all across.
+#[test]
+fn affine_strain_is_in_balance_and_obeys_hooke() {
+    let gpu = Gpu::new().unwrap();
+    let ball = generate::ball(0.5, 6).unwrap();
+    let strain = DMat3::from_cols(
+        DVec3::new(1.1, 0.05, -0.03),
+        DVec3::new(-0.1, 0.93, 0.2),
+        DVec3::new(0.04, 0.1, 1.2),
+    );
+    for model in MODELS {
+        let mut body = Body::new(&gpu, &ball, &material(model)).unwrap();
+        let x: Vec<DVec3> = ball.nodes.iter().map(|p| strain * *p).collect();
+        body.set_positions(&x).unwrap();
+        let (f, _) = gpu_forces(&gpu, &mut body);
+        let most = f.iter().map(|f| f.length()).fold(0.0, f64::max);
+        let inside = ball.nodes.iter().zip(&f).filter(|(p, _)| p.length() < 0.4);
+        let inside = inside.map(|(_, f)| f.length()).fold(0.0, f64::max);
+        println!("{model}: {inside:.1e} of {most:.1e} N inside");
+        assert!(inside < 1e-4 * most && most > 0.0, "{model}");
+
+        let (mesh, s) = (bar(), 1e-3);
+        let stretched = |nu: f64| -> Vec<DVec3> {
+            let by = DVec3::new(1.0 + s, 1.0 - nu * s, 1.0 - nu * s);
+            mesh.nodes.iter().map(|p| *p * by).collect()
+        };
+        let mut found = Vec::new();
+        for nu in [0.35, 0.25] {
+            let mut body = Body::new(&gpu, &mesh, &material(model)).unwrap();
+            body.set_positions(&stretched(nu)).unwrap();
+            let (f, _) = gpu_forces(&gpu, &mut body);
+            let of = |where_: fn(&DVec3) -> bool, axis: usize| -> f64 {
+                let nodes = mesh.nodes.iter().zip(&f).filter(|(p, _)| where_(p));
+                nodes.map(|(_, f)| f[axis]).sum()
+            };
+            let pull = -of(|p| p.x > 0.99, 0) / (0.25 * 0.25 * s);
+            let side = of(|p| p.y > 0.24, 1) / (0.25 * s);
+            found.push((pull, side));
+        }
+        println!("{model}: {found:?}");
+        assert!((found[0].0 / 2e4 - 1.0).abs() < 5e-3, "{found:?}");
+        assert!(found[0].1.abs() < 5e-3 * 2e4, "{found:?}");
+        assert!(found[1].1.abs() > 5e-2 * 2e4, "{found:?}");
+    }
+}
+
+/// From any shape back to the one at rest.
+#[test]
+fn scrambled_bodies_recover() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = bar();
+    for model in MODELS {
+        for (name, x) in states(&mesh) {
+            let damped = Material {
+                damping_time: 0.02,
+                ..material(model)
+            };
+            let mut body = Body::new(&gpu, &mesh, &damped).unwrap();
+            body.pin(|p| p.x < 1e-6);
+            let nodes = x.iter().zip(&mesh.nodes).zip(body.pinned());
+            let x: Vec<DVec3> = nodes
+                .map(|((x, rest), held)| if *held { *rest } else { *x })
+                .collect();
+            body.set_positions(&x).unwrap();
+            let mut stepper = solver(&gpu, &body, SolverKind::Implicit);
+            stepper.run(&mut body, 200, 0.01).unwrap();
+            let report = Report::new(&body, &mesh).unwrap();
+            println!("{model} {name}: {report:?}");
+            assert_eq!(report.inverted, 0, "{model} {name}");
+        }
+    }
+}
+
+#[test]
+fn elements_follow_cuts() {
+    let gpu = Gpu::new().unwrap();
+    for kind in [SolverKind::Implicit, SolverKind::Symplectic] {
+        let mut mesh = bar();
+        let made_of = material(MaterialModel::NeoHookean);
+        let mut body = Body::new(&gpu, &mesh, &made_of).unwrap();
+        body.pin(|p| p.x < 1e-6);
+        body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
+        let h = if kind == SolverKind::Implicit {
+            0.01
+        } else {
+            2e-4
+        };
+        let mut stepper = solver(&gpu, &body, kind);
+        stepper.run(&mut body, 5, h).unwrap();
+        let mut topology = Topology::new(&mesh);
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.51, y, z))).unwrap();
+        let cut = body.cut(&mut mesh, &mut topology, &blade).unwrap();
+        assert!(!cut.doubled.is_empty());
+        let fresh = SpringNetwork::new(&mesh, &made_of).unwrap();
+        let nodes = |n: &SpringNetwork| -> Vec<[u32; 4]> {
+            n.elements.tets.iter().map(|e| e.nodes).collect()
+        };
+        assert_eq!(nodes(body.network()), nodes(&fresh));
+        // Without its other half the loose one falls freely.
+        let steps = (0.2 / h) as u32;
+        let loose: Vec<usize> = (0..mesh.nodes.len())
+            .filter(|i| mesh.nodes[*i].x > 0.8)
+            .collect();
+        let before = Truth::of(&body);
+        stepper.run(&mut body, steps, h).unwrap();
+        let after = Truth::of(&body);
+        let fallen = |i: &usize| before.x[*i].z + 0.2 * before.v[*i].z - after.x[*i].z;
+        let mean = loose.iter().map(fallen).sum::<f64>() / loose.len() as f64;
+        println!("{kind}: fallen {mean}");
+        assert!(
+            (mean / (0.5 * 9.81 * 0.04) - 1.0).abs() < 0.2,
+            "{kind}: {mean}"
+        );
+    }
+}
