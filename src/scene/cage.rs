@@ -5,7 +5,7 @@ use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{Material, Simulator, SolverKind, SpringNetwork};
+use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -75,6 +75,17 @@ impl Scene {
                     .into(),
             ));
         }
+        if material.model != MaterialModel::Springs {
+            notes.push(format!(
+                "the cage is made of springs that give as springs in the mesh would, and not of {}",
+                material.model
+            ));
+        }
+        let springs = Material {
+            model: MaterialModel::Springs,
+            ..material.clone()
+        };
+        let material = &springs;
         let fine = SpringNetwork::new(&mesh, material)?;
         let mut cage = Cage::new(&mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
         let (held, end) = self.held(&mesh, &fine)?;

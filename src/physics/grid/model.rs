@@ -3,7 +3,7 @@
 use super::shape::{GridShape, SPRING_KINDS, STEPS};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::physics::grid::plain::GridTwin;
-use crate::physics::{Energy, Material, RegionMaterial, Stiffness};
+use crate::physics::{Energy, Material, MaterialModel, RegionMaterial, Stiffness};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -43,6 +43,12 @@ impl GridModel {
     /// Young's modulus.
     pub fn new(shape: GridShape, material: &Material) -> Result<GridModel> {
         material.check()?;
+        if material.model != MaterialModel::Springs {
+            return Err(Error::Input(format!(
+                "a grid body knows springs only, and not {}; simulate tets, or leave the model out",
+                material.model
+            )));
+        }
         let unit = material.length_unit;
         let cell = (shape.spacing * unit).to_array().iter().product::<f64>();
         let (Stiffness::Young(common) | Stiffness::Uniform(common)) = material.stiffness;
