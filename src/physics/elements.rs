@@ -73,7 +73,7 @@ impl Default for Newton {
         Newton {
             iterations: 4,
             tolerance: 0.0,
-            linear: 0.2,
+            linear: 0.15,
         }
     }
 }

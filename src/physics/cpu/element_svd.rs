@@ -70,6 +70,11 @@ fn rotate<L: Lane>(a: &mut L33<L>, v: &mut L33<L>, p: usize, q: usize) {
 fn diagonalise<L: Lane>(a: &mut L33<L>) -> L33<L> {
     let mut v = with_unit(&[[L::of(0.0); 3]; 3]);
     for _ in 0..L::SWEEPS {
+        let own = a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2];
+        let rest = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2];
+        if !rest.any_above(own * L::of(L::ROUND)) {
+            break;
+        }
         rotate(a, &mut v, 0, 1);
         rotate(a, &mut v, 0, 2);
         rotate(a, &mut v, 1, 2);
@@ -110,6 +115,13 @@ impl<L: Lane> Svd<L> {
         let mut w = v.map(|v| times(&f, v));
         // Of a tet that is nearly a line or a point the strain says too little.
         for _ in 0..3 {
+            let skew = |p: usize, q: usize| {
+                let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
+                (c * c).any_above(L::of(L::SKEW) * a * b)
+            };
+            if !(skew(0, 1) || skew(0, 2) || skew(1, 2)) {
+                break;
+            }
             for (p, q) in [(0, 1), (0, 2), (1, 2)] {
                 polish(&mut w, &mut v, p, q);
             }

@@ -6,7 +6,6 @@
 
 use super::block_rows::Rows;
 use super::element_batches::Batch;
-use super::lanes::Lane;
 use super::pool::{Chunks, Nodes, Plan};
 use super::real::Real;
 use super::terms::{At, Share, Term};

@@ -17,6 +17,8 @@ pub trait Lane:
 {
     /// Sweeps of Jacobi's rotations after which 3×3 matrices are diagonal to all digits.
     const SWEEPS: usize;
+    /// Square of what is as good as zero off the diagonal, over the squares on it.
+    const ROUND: f64;
     /// Square of the cosine between vectors that are across each other but for rounding.
     const SKEW: f64;
     /// What is as good as zero beside 1, squared.
@@ -31,14 +33,17 @@ pub trait Lane:
     fn or_more(self, other: Self) -> Self;
     /// `yes` where this is more than `than`, else `no`.
     fn above(self, than: Self, yes: Self, no: Self) -> Self;
+    /// Whether any lane is more than that of `than`.
+    fn any_above(self, than: Self) -> bool;
     /// Lane j of the i-th as lane i of the j-th.
     fn transpose(rows: [Self; 4]) -> [Self; 4];
 }
 
 macro_rules! lane {
-    ($vector:ty, $matrix:ty, $real:ty, $sweeps:expr, $skew:expr, $tiny:expr) => {
+    ($vector:ty, $matrix:ty, $real:ty, $sweeps:expr, $round:expr, $skew:expr, $tiny:expr) => {
         impl Lane for $vector {
             const SWEEPS: usize = $sweeps;
+            const ROUND: f64 = $round;
             const SKEW: f64 = $skew;
             const TINY: f64 = $tiny;
             #[inline(always)]
@@ -62,6 +67,10 @@ macro_rules! lane {
                 <$vector>::select(self.cmpgt(than), yes, no)
             }
             #[inline(always)]
+            fn any_above(self, than: Self) -> bool {
+                self.cmpgt(than).any()
+            }
+            #[inline(always)]
             fn transpose([a, b, c, d]: [Self; 4]) -> [Self; 4] {
                 let m = <$matrix>::from_cols(a, b, c, d).transpose();
                 [m.x_axis, m.y_axis, m.z_axis, m.w_axis]
@@ -70,5 +79,5 @@ macro_rules! lane {
     };
 }
 
-lane!(glam::Vec4, glam::Mat4, f32, 4, 1e-11, 1e-13);
-lane!(glam::DVec4, glam::DMat4, f64, 6, 1e-26, 1e-30);
+lane!(glam::Vec4, glam::Mat4, f32, 4, 1e-14, 1e-11, 1e-13);
+lane!(glam::DVec4, glam::DMat4, f64, 6, 1e-31, 1e-26, 1e-30);

@@ -19,17 +19,11 @@ use super::potential::Trial;
 use super::real::Real;
 use super::rules::{Form, Rule};
 use super::terms::{At, Term};
-use super::vectors::{V4, add_scaled, apply, inverse_definite, scale, sub, total, zero};
+use super::vectors::{V4, add_scaled, apply, scale, sub, weight, zero};
 use crate::physics;
 
 /// Solves for which blocks are projected once exact ones failed.
 const PROJECTED: u32 = 8;
-
-/// A step of the line search is taken that lowers Φ by this part of what its slope promises.
-const ENOUGH: f64 = 1e-4;
-
-/// The shortest step of the line search.
-const SHORTEST: f64 = 1e-7;
 
 /// An iteration that lowered Φ by this part of what it should have, or by its inverse, is followed
 /// by another.
@@ -48,12 +42,12 @@ pub struct Minimiser<T> {
     pub projected: u32,
     /// (1 + α γ) m.
     masses: Vec<T>,
-    guesses: Guesses<T>,
-    best: Trial<T>,
-    trial: Trial<T>,
+    pub(super) guesses: Guesses<T>,
+    pub(super) best: Trial<T>,
+    pub(super) trial: Trial<T>,
     /// What damping is taken at.
-    lagged: Vec<V4<T>>,
-    forces: Vec<V4<T>>,
+    pub(super) lagged: Vec<V4<T>>,
+    pub(super) forces: Vec<V4<T>>,
 }
 
 /// What a step starts from besides the state.
@@ -72,14 +66,10 @@ pub struct Outside<'a, T> {
 pub struct Descent {
     /// Iterations of conjugate gradients.
     pub iterations: u32,
-    /// Newton iterations.
-    pub rounds: u32,
     /// The residual at the end of the last linear solve, over that at its start.
     pub residual: f64,
     /// The energy of the terms where forces are taken.
     pub elastic: f64,
-    /// Which guess it began from.
-    pub guess: Option<Guess>,
 }
 
 impl<T: Real> Minimiser<T> {
@@ -98,11 +88,6 @@ impl<T: Real> Minimiser<T> {
             lagged: Vec::new(),
             forces: vec![zero(); nodes],
         }
-    }
-
-    /// What damping was last taken at; nothing where there is none.
-    pub fn lagged(&self) -> &[V4<T>] {
-        &self.lagged
     }
 
     /// What a step of `h` is by the rule, after what `implicit` remembers.
@@ -130,15 +115,15 @@ impl<T: Real> Minimiser<T> {
         let known = &implicit.solver.known;
         let history = (implicit.solver.count == 2).then_some(known);
         self.guesses.prepare(scene, outside, history, form);
-        let mut descent = Descent {
-            guess: Some(self.start(scene, terms, form)?),
-            ..Descent::default()
-        };
+        if !self.start(scene, terms, form) {
+            return None;
+        }
+        let mut descent = Descent::default();
         let mut first = 0.0;
         for round in 0..self.settings.iterations.max(1) {
             let scale = self.residual(implicit, scene, terms, form);
             let before = if round > 0 {
-                implicit.measure(scene)
+                implicit.measure(scene.plan)
             } else {
                 f64::INFINITY
             };
@@ -153,7 +138,6 @@ impl<T: Real> Minimiser<T> {
             if round == 0 {
                 first = start;
             }
-            descent.rounds += 1;
             descent.iterations += outcome.iterations;
             descent.residual = outcome.residual;
             let gain = outcome.gain / (form.gamma * form.gamma);
@@ -236,14 +220,9 @@ impl<T: Real> Minimiser<T> {
         }
     }
 
-    /// Takes the guess of the lowest Φ.
-    fn start(
-        &mut self,
-        scene: &Scene<'_, T>,
-        terms: &[Box<dyn Term<T>>],
-        form: Form,
-    ) -> Option<Guess> {
-        let mut found = None;
+    /// Takes the guess of the lowest Φ, if any has one that is a number.
+    fn start(&mut self, scene: &Scene<'_, T>, terms: &[Box<dyn Term<T>>], form: Form) -> bool {
+        let mut found = false;
         for guess in Guess::ALL {
             if !self.guesses.has(guess) {
                 continue;
@@ -252,14 +231,14 @@ impl<T: Real> Minimiser<T> {
             let at = |i: usize| guesses.at(guess, scene, i);
             trial.put(scene, guesses, (form, self.mass_damping), at);
             // E is hardly ever negative: one that is too far off already is not looked at.
-            if found.is_some() && trial.inertia >= self.best.total() {
+            if found && trial.inertia >= self.best.total() {
                 continue;
             }
             trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
             let total = trial.total();
-            if total.is_finite() && (found.is_none() || total < self.best.total()) {
+            if total.is_finite() && (!found || total < self.best.total()) {
                 std::mem::swap(&mut self.best, &mut self.trial);
-                found = Some(guess);
+                found = true;
             }
         }
         found
@@ -380,41 +359,6 @@ impl<T: Real> Minimiser<T> {
         }
     }
 
-    /// Goes along the solution until Φ is lower. Returns how much of it was gone, and how much
-    /// lower; `None` where it is not to be had.
-    fn search(
-        &mut self,
-        implicit: &Implicit<T>,
-        scene: &Scene<'_, T>,
-        terms: &[Box<dyn Term<T>>],
-        form: Form,
-        gain: f64,
-    ) -> Option<(f64, f64)> {
-        let direction = &implicit.solver.solution;
-        let (before, slack) = (self.best.total(), self.best.slack());
-        let mut length = 1.0;
-        while length >= SHORTEST {
-            let step = T::of(length);
-            let (from, trial) = (&self.best.delta, &mut self.trial);
-            let at = |i: usize| add_scaled(from[i], step, direction[i]);
-            trial.put(scene, &self.guesses, (form, self.mass_damping), at);
-            trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
-            let fall = before - trial.total();
-            if fall >= ENOUGH * length * gain - slack {
-                std::mem::swap(&mut self.best, &mut self.trial);
-                return Some((length, fall));
-            }
-            // The minimum of the parabola through both ends, with the slope at the first.
-            let bend = 2.0 * (length * gain - fall);
-            let least = gain * length * length / bend;
-            length = match least.is_finite() {
-                true => least.clamp(0.1 * length, 0.5 * length),
-                false => 0.1 * length,
-            };
-        }
-        None
-    }
-
     /// Makes the coarse space that a body's state tells of.
     pub fn resume(
         &mut self,
@@ -437,52 +381,4 @@ impl<T: Real> Minimiser<T> {
         };
         implicit.resume(&heavier, terms, basis);
     }
-}
-
-impl<T: Real> Implicit<T> {
-    /// Makes the inverse diagonal blocks of what was linearised. Returns rᵀD⁻¹r, the sum of the
-    /// diagonal's means, and whether all blocks are positive definite.
-    fn precondition(&mut self, scene: &Scene<'_, T>) -> (f64, f64, bool) {
-        let (blocks, inverses, residual) = self.diagonal();
-        let data = (Nodes(inverses), ());
-        let [start, weight, bad] = scene.plan.each(data, &|_, nodes, (inverses, ())| {
-            let (mut start, mut weight, mut bad) = (0.0, 0.0, 0.0);
-            for (n, i) in nodes.enumerate() {
-                if scene.free[i] == T::ZERO {
-                    inverses.0[n] = [zero(); 3];
-                    continue;
-                }
-                let d = &blocks[i];
-                let (inverse, definite) = inverse_definite(d);
-                inverses.0[n] = inverse;
-                if !definite {
-                    bad += 1.0;
-                }
-                let r = residual[i];
-                start += self::weight(r, apply(&inverse, r));
-                weight += (d[0].wide() + d[1].wide() + d[2].wide()) / 3.0;
-            }
-            [start, weight, bad]
-        });
-        (start, weight, bad == 0.0)
-    }
-
-    /// rᵀD⁻¹r with the inverse blocks of the last linearisation.
-    fn measure(&self, scene: &Scene<'_, T>) -> f64 {
-        let solver = &self.solver;
-        let [sum] = scene.plan.each((), &|_, nodes, ()| {
-            let all = nodes.map(|i| {
-                let r = solver.residual[i];
-                weight(r, apply(&solver.inverse[i], r))
-            });
-            [all.sum()]
-        });
-        sum
-    }
-}
-
-/// a·b.
-#[inline(always)]
-fn weight<T: Real>(a: V4<T>, b: V4<T>) -> f64 {
-    total([a[0] * b[0], a[1] * b[1], a[2] * b[2], T::ZERO])
 }

@@ -20,6 +20,7 @@ impl<T: Real> CpuBody<T> {
     ///
     /// # Errors
     /// [`Error::Input`] for settings that make no sense.
+    #[cfg_attr(not(test), allow(dead_code))] // Until settings of scenes reach it.
     pub fn set_newton(&mut self, settings: Newton) -> Result<()> {
         let Newton {
             iterations,
@@ -41,6 +42,7 @@ impl<T: Real> CpuBody<T> {
 
     /// Says by which implicit rule a body of elements steps; others take no notice. The next step
     /// is a first one.
+    #[cfg_attr(not(test), allow(dead_code))] // Until settings of scenes reach it.
     pub fn set_rule(&mut self, rule: Rule) {
         if let Some(newton) = &mut self.newton {
             newton.rule = rule;

@@ -53,6 +53,12 @@ pub fn total<T: Real>(a: V4<T>) -> f64 {
     (a[0].wide() + a[1].wide()) + (a[2].wide() + a[3].wide())
 }
 
+/// a·b, in f64.
+#[inline(always)]
+pub fn weight<T: Real>(a: V4<T>, b: V4<T>) -> f64 {
+    total([a[0] * b[0], a[1] * b[1], a[2] * b[2], T::ZERO])
+}
+
 /// m a.
 #[inline(always)]
 pub fn apply<T: Real>(m: &Columns<T>, a: V4<T>) -> V4<T> {
