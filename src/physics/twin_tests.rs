@@ -126,8 +126,11 @@ fn forces_and_energies_match_float64() {
             let solver = ImplicitEuler::new(&gpu, &body).unwrap();
             let state = body.nodes().array();
             let mut work = gpu.record();
-            let pass = solver.core.force_pass(&body, state, &body.velocities);
-            pass.unwrap().record(&mut work);
+            let passes = solver.core.force_passes(&body, state, &body.velocities);
+            passes
+                .unwrap()
+                .iter()
+                .for_each(|pass| pass.record(&mut work));
             work.submit().unwrap();
             let found = read(&gpu, &solver.core.forces, body.units.force());
             let scale = truth.force_scale();

@@ -10,8 +10,8 @@ use palpate::mesh::{Blade, TetMesh, generate};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
 use palpate::physics::{
-    Bodies, CpuGrid, CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, Member, Simulator,
-    SolverKind, SpringNetwork,
+    Bodies, CpuGrid, CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, MaterialModel, Member,
+    Simulator, SolverKind, SpringNetwork,
 };
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.05, 0.05);
@@ -103,6 +103,12 @@ fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
     let settings = Default::default();
     let tets = CpuTets::<f64>::new(&gpu, bar(), &material(), SolverKind::Implicit, settings);
     all.push(("cpu f64 implicit".into(), Box::new(tets.unwrap())));
+    let flesh = Material {
+        model: MaterialModel::NeoHookean,
+        ..material()
+    };
+    let tets = GpuTets::new(&gpu, bar(), &flesh, SolverKind::Implicit).unwrap();
+    all.push(("gpu elements implicit".into(), Box::new(tets)));
     all.push(("gpu grid".into(), Box::new(gpu_grid(&gpu))));
     all.push(("cpu grid".into(), Box::new(cpu_grid(&gpu))));
     for engine in [Engine::Gpu, Engine::Cpu] {
