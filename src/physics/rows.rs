@@ -4,7 +4,7 @@
 //! side, so neighbouring invocations load neighbouring texels, and one node with many springs
 //! lengthens its own slice only. Rows of one length come together: within a window of the file's
 //! order they are sorted by it, so that invocations running side by side finish together. The
-//! twin of `shaders/lib/springs.wgsl`.
+//! corners of tets at every node are laid out alike. The twin of `shaders/lib/rows.wgsl`.
 
 use super::network::{Spring, SpringNetwork};
 use super::units::Units;

@@ -23,6 +23,32 @@ fn every_composed_shader_is_valid() {
 }
 
 #[test]
+fn terms_declare_what_they_read() {
+    let declared = |name: &str| -> Vec<String> {
+        let module = parse(name).unwrap();
+        let globals = module.global_variables.iter().map(|(_, g)| g);
+        let bound = globals.filter_map(|g| Some((g.binding?.binding, g.name.clone()?)));
+        let mut bound: Vec<(u32, String)> = bound.collect();
+        bound.sort();
+        assert!(
+            (0..).zip(&bound).all(|(k, b)| k == b.0),
+            "{name}: {bound:?}"
+        );
+        bound.into_iter().map(|b| b.1).collect()
+    };
+    let own = declared("physics/forces springs");
+    assert_eq!(own[8..], ["rows", "columns", "springs", "spring_params"]);
+    let more = declared("physics/forces springs floor");
+    assert_eq!(more[..12], own[..]);
+    assert_eq!(more[12..], ["node_terms"]);
+    let solve = declared("physics/implicit_euler_direction elements");
+    assert_eq!(solve[11..], ["rows", "columns", "matrix"]);
+    for wrong in ["physics/forces sprigs", "physics/farces springs"] {
+        assert!(matches!(compose(wrong), Err(Error::Gpu(_))), "{wrong}");
+    }
+}
+
+#[test]
 fn struct_layouts_are_compared() {
     mod wrong {
         palpate::gpu_struct! { pub struct Scale { factor: f32, items: u32 } }
