@@ -130,13 +130,12 @@ pub fn compose(name: &str) -> Result<String> {
 fn number(source: &str) -> String {
     let given = source.split("@binding(").skip(1);
     let given = given.filter_map(|rest| rest.split(')').next()?.parse::<u32>().ok());
-    let mut next = given.max().map_or(0, |most| most + 1);
+    let next = given.max().map_or(0, |most| most + 1);
     let mut parts = source.split(NEXT);
     let mut out = parts.next().unwrap_or_default().to_owned();
-    for part in parts {
-        out.push_str(&format!("@binding({next})"));
+    for (n, part) in (next..).zip(parts) {
+        out.push_str(&format!("@binding({n})"));
         out.push_str(part);
-        next += 1;
     }
     out
 }

@@ -6,6 +6,7 @@ mod bodies;
 mod common;
 mod cuts;
 mod derivatives;
+mod element_truth;
 mod elements;
 mod extremes;
 mod failures;
