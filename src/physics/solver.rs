@@ -18,7 +18,8 @@ pub trait Solver: Send {
     /// Records `steps` steps of `dt` seconds, after waiting for those that [`Solver::advance`] was
     /// asked for. To be submitted before anything of `body` is
     /// changed; long runs are better split (see [`Solver::run`]). An implicit step is given as
-    /// many iterations as the latest one known of needed, and some; one that needs more goes on
+    /// many iterations as the latest one known of needed, and some, or at least 64 where something
+    /// else acts since; one that needs more goes on
     /// with those of the next step recorded, which are then twice as many.
     ///
     /// # Errors

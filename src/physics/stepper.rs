@@ -14,6 +14,8 @@ const VISITS: f64 = 5e8;
 /// Iterations of a linear solve that a step is given by [`Solver::record`] as long as nobody knows
 /// how many it needs.
 const UNKNOWN_ITERATIONS: u32 = 256;
+/// The least that it is given where loads or positions have changed since.
+const CHANGED_ITERATIONS: u32 = 64;
 
 /// Dispatches in one submit.
 const DISPATCHES: u32 = 8192;
@@ -83,6 +85,11 @@ pub struct Stepper<S> {
     /// Steps recorded for the caller that the latest status did not have: unfinished, or never
     /// submitted.
     lag: u32,
+    /// What acted on the body when a step was last recorded for the caller: its revision, and the
+    /// version of its external forces.
+    acted: Option<(u64, u64)>,
+    /// The count of steps from which on it is known how many iterations that takes.
+    known_from: u64,
 }
 
 fn no_status() -> Error {
@@ -118,6 +125,8 @@ impl<S: Scheme> Stepper<S> {
             last: None,
             adapted: false,
             lag: 0,
+            acted: None,
+            known_from: 0,
         })
     }
 
@@ -332,9 +341,14 @@ impl<S: Scheme> Stepper<S> {
         }
     }
 
-    /// Iterations that a step recorded for the caller is given: as many as the latest one known of
-    /// needed, and some.
-    fn recorded_iterations(&mut self) -> Result<u32> {
+    /// Iterations that each of `steps` steps recorded for the caller is given: as many as the
+    /// latest one known of needed, and some; more where something else acts since.
+    fn recorded_iterations(&mut self, body: &Body, steps: u32) -> Result<u32> {
+        let acts = Some((body.revision().any, body.external.version()));
+        if self.acted != acts {
+            self.acted = acts;
+            self.known_from = self.clock.recorded() + u64::from(steps);
+        }
         if let Some((expected, noted)) = self.ring.latest::<Status>()? {
             let status = noted.first().ok_or_else(no_status)?;
             let lag = (expected as u32).wrapping_sub(status.steps);
@@ -342,12 +356,16 @@ impl<S: Scheme> Stepper<S> {
                 self.adapt(status.iterations, lag <= self.lag);
             }
             self.lag = lag;
+            if expected >= self.known_from {
+                self.known_from = 0;
+            }
         }
         let most = self.scheme.max_iterations();
-        Ok(match self.adapted {
-            true => self.iterations,
-            false => most.min(UNKNOWN_ITERATIONS),
-        })
+        Ok(most.min(match (self.adapted, self.known_from) {
+            (true, 0) => self.iterations,
+            (true, _) => (2 * self.iterations).max(CHANGED_ITERATIONS),
+            (false, _) => UNKNOWN_ITERATIONS,
+        }))
     }
 }
 
@@ -360,7 +378,7 @@ impl<S: Scheme> Solver for Stepper<S> {
         if !self.errands.is_empty() {
             self.finish(body)?;
         }
-        let iterations = self.recorded_iterations()?;
+        let iterations = self.recorded_iterations(body, steps)?;
         self.record_steps(work, body, steps, dt, iterations)?;
         if iterations > 0 {
             let expected = self.clock.recorded();
