@@ -63,7 +63,8 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Camera")]
     pub orthographic: Option<f64>,
 
-    /// explicit, symplectic, verlet, velocity-verlet or implicit; default: the mesh stays at rest
+    /// explicit, symplectic, verlet, velocity-verlet or implicit; of elements also bdf2 and midpoint,
+    /// of second order at large steps; default: the mesh stays at rest
     #[arg(long, help_heading = "Physics")]
     pub solver: Option<String>,
     /// What computes the steps: gpu, cpu, or auto, which takes a GPU where there is one

@@ -107,9 +107,7 @@ pub fn run(
         let progress = stage.motion().and_then(|m| m.progress());
         progress.map(|p| p.last.iterations).filter(|n| *n > 0)
     };
-    let implicit = stage
-        .motion()
-        .is_some_and(|m| m.kind() == palpate::physics::SolverKind::Implicit);
+    let implicit = stage.motion().is_some_and(|m| m.kind().is_implicit());
     if !implicit {
         return stage.run(steps, &mut |done| told(done, None));
     }

@@ -68,6 +68,20 @@ pub struct Newton {
     pub linear: f64,
 }
 
+impl Newton {
+    /// To a residual of `tolerance`: what [`ConjugateGradients::tolerance`] asks for where it is
+    /// not the default.
+    ///
+    /// [`ConjugateGradients::tolerance`]: super::ConjugateGradients::tolerance
+    pub fn to(tolerance: f64) -> Newton {
+        Newton {
+            iterations: 40,
+            tolerance,
+            linear: 1e-2,
+        }
+    }
+}
+
 impl Default for Newton {
     fn default() -> Self {
         Newton {

@@ -114,7 +114,9 @@ impl EngineChoice {
         material: &Material,
         (kind, settings): (SolverKind, ConjugateGradients),
     ) -> Result<Box<dyn Simulator>> {
-        if self.engine(gpu) == Engine::Cpu {
+        // What only one engine has is taken from there, unless the other was asked for.
+        let of_cpu = SolverKind::OF_ELEMENTS.contains(&kind) && self == EngineChoice::Auto;
+        if of_cpu || self.engine(gpu) == Engine::Cpu {
             let body = CpuTets::<f32>::of_network(gpu, mesh, network, material, kind, settings)?;
             return Ok(Box::new(body));
         }

@@ -133,7 +133,7 @@ impl Simulator for GpuTets {
     }
 
     fn iterations(&self) -> Result<Vec<u32>> {
-        if self.integrator() != SolverKind::Implicit {
+        if !self.integrator().is_implicit() {
             return Ok(Vec::new());
         }
         let steps = self.solver.history(&self.body)?;

@@ -17,12 +17,18 @@ pub enum SolverKind {
     Verlet,
     /// `velocity-verlet`: velocity Verlet.
     VelocityVerlet,
-    /// `implicit`: implicit Euler after Baraff & Witkin.
+    /// `implicit`: implicit Euler after Baraff & Witkin; of elements, minimised by Newton's method.
     Implicit,
+    /// `bdf2`: the second backward differentiation formula, of elements, on the CPU: of second
+    /// order, and it damps what is fast.
+    Bdf2,
+    /// `midpoint`: the implicit midpoint rule, of elements, on the CPU: of second order, and it
+    /// keeps what swings.
+    Midpoint,
 }
 
 impl SolverKind {
-    /// Every solver.
+    /// Every solver that steps any body of tets.
     pub const ALL: [SolverKind; 5] = [
         SolverKind::Explicit,
         SolverKind::Symplectic,
@@ -30,6 +36,25 @@ impl SolverKind {
         SolverKind::VelocityVerlet,
         SolverKind::Implicit,
     ];
+
+    /// Those that step bodies of finite elements only.
+    pub const OF_ELEMENTS: [SolverKind; 2] = [SolverKind::Bdf2, SolverKind::Midpoint];
+
+    /// Whether any step of it is stable.
+    pub fn is_implicit(self) -> bool {
+        matches!(
+            self,
+            SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint
+        )
+    }
+
+    /// The error of a body of springs, or of another engine, that is to be stepped by one of
+    /// [`SolverKind::OF_ELEMENTS`].
+    pub(super) fn needs_elements(self) -> Error {
+        Error::Input(format!(
+            "{self} steps bodies of finite elements on the CPU: give --material neo-hookean (or corotated) and --engine cpu, or take --solver implicit"
+        ))
+    }
 
     /// The name, as on the command line.
     pub fn name(self) -> &'static str {
@@ -39,13 +64,16 @@ impl SolverKind {
             SolverKind::Verlet => "verlet",
             SolverKind::VelocityVerlet => "velocity-verlet",
             SolverKind::Implicit => "implicit",
+            SolverKind::Bdf2 => "bdf2",
+            SolverKind::Midpoint => "midpoint",
         }
     }
 
     /// A solver of this kind for `body`.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when its arrays do not fit the device.
+    /// [`Error::Gpu`] when its arrays do not fit the device; [`Error::Input`] for one of
+    /// [`SolverKind::OF_ELEMENTS`].
     pub fn solver(self, gpu: &Gpu, body: &Body) -> Result<Box<dyn Solver>> {
         Ok(match self {
             SolverKind::Explicit => Box::new(ExplicitEuler::new(gpu, body)?),
@@ -53,6 +81,7 @@ impl SolverKind {
             SolverKind::Verlet => Box::new(Verlet::new(gpu, body)?),
             SolverKind::VelocityVerlet => Box::new(VelocityVerlet::new(gpu, body)?),
             SolverKind::Implicit => Box::new(ImplicitEuler::new(gpu, body)?),
+            SolverKind::Bdf2 | SolverKind::Midpoint => return Err(self.needs_elements()),
         })
     }
 }
@@ -67,15 +96,13 @@ impl FromStr for SolverKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<SolverKind> {
-        SolverKind::ALL
-            .into_iter()
-            .find(|k| k.name() == name)
-            .ok_or_else(|| {
-                let names: Vec<&str> = SolverKind::ALL.iter().map(|k| k.name()).collect();
-                Error::Input(format!(
-                    "there is no solver \"{name}\"; there are {}",
-                    names.join(", ")
-                ))
-            })
+        let all = || SolverKind::ALL.into_iter().chain(SolverKind::OF_ELEMENTS);
+        all().find(|k| k.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = all().map(SolverKind::name).collect();
+            Error::Input(format!(
+                "there is no solver \"{name}\"; there are {}",
+                names.join(", ")
+            ))
+        })
     }
 }

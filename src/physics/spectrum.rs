@@ -22,7 +22,8 @@ pub struct Mode {
 
 impl Mode {
     /// The matrix that takes one step of `scheme` of length `h`, in seconds: of (x, v); of Verlet
-    /// (x, x₋₁); of velocity Verlet (x, v, a). What two numbers tell leaves the third at 0.
+    /// (x, x₋₁); of velocity Verlet (x, v, a); of BDF2 that of its first step, which is implicit
+    /// Euler's. What two numbers tell leaves the third at 0.
     pub fn step_matrix(&self, scheme: SolverKind, h: f64) -> DMat3 {
         let (k, c) = (self.stiffness, self.damping);
         let rows: [[f64; 3]; 2] = match scheme {
@@ -40,7 +41,13 @@ impl Mode {
                 let v = DVec3::new(0.0, 1.0, 0.5 * h) + 0.5 * h * a;
                 return DMat3::from_cols(moved, v, a).transpose();
             }
-            SolverKind::Implicit => {
+            SolverKind::Midpoint => {
+                let a = 0.5 * h;
+                let g = 1.0 / (1.0 + a * c + a * a * k);
+                let back = -2.0 * g * a * k;
+                [[1.0 + a * back, h * g, 0.0], [back, 2.0 * g - 1.0, 0.0]]
+            }
+            SolverKind::Implicit | SolverKind::Bdf2 => {
                 let g = 1.0 / (1.0 + h * c + h * h * k);
                 [[1.0 - g * h * h * k, g * h, 0.0], [-g * h * k, g, 0.0]]
             }
@@ -59,7 +66,7 @@ impl Mode {
     pub fn largest_step(&self, scheme: SolverKind) -> f64 {
         let (k, c) = (self.stiffness, self.damping);
         match scheme {
-            SolverKind::Implicit => f64::INFINITY,
+            SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => f64::INFINITY,
             // det < 1: h < γ/λ. Overdamped, also 1 + tr + det = 4 − 2hγ + h²λ > 0.
             SolverKind::Explicit if c * c < 4.0 * k => c / k,
             SolverKind::Explicit => 4.0 / (c + (c * c - 4.0 * k).sqrt()),
@@ -328,7 +335,7 @@ impl Linearised {
     /// is a bound from below, min κ_d/κ and 2/γ_max.
     pub fn largest_step(&self, scheme: SolverKind) -> Option<StepLimit> {
         Some(match scheme {
-            SolverKind::Implicit => return None,
+            SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => return None,
             SolverKind::Explicit => self.explicit_limit(),
             _ => self.flip_limit(scheme),
         })

@@ -113,7 +113,8 @@ impl Scene {
         let material = entry.material.clone();
         let name = entry.solver.clone().or(self.solver.name.clone());
         // The common step is made of as many as an explicit scheme needs.
-        let implicit = name.as_deref() == Some(SolverKind::Implicit.name());
+        let kind = name.as_deref().and_then(|name| name.parse().ok());
+        let implicit = kind.is_some_and(SolverKind::is_implicit);
         Scene {
             mesh: entry.mesh.clone(),
             material: material.unwrap_or_else(|| self.material.clone()),

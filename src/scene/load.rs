@@ -77,6 +77,13 @@ impl Response {
         for _ in 0..steps.max(1) {
             let force = stiffness * (1.0 - x);
             v = match kind {
+                SolverKind::Bdf2 | SolverKind::Midpoint => {
+                    let half = 0.5 * dt;
+                    let w = (v + half * force) / (1.0 + half * damping + half * half * stiffness);
+                    // The step goes by its mean velocity w, and not by that at its end.
+                    x += dt * (v - w);
+                    2.0 * w - v
+                }
                 SolverKind::Implicit => {
                     (v + dt * force) / (1.0 + dt * damping + dt * dt * stiffness)
                 }

@@ -125,7 +125,8 @@ pub struct Scene {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SolverEntry {
-    /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`.
+    /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`; of elements on the CPU
+    /// also `bdf2` and `midpoint`.
     #[serde(default, deserialize_with = "words::solver")]
     pub name: Option<String>,
     /// What computes the steps: `auto`, `gpu` or `cpu`.

@@ -147,7 +147,7 @@ impl Scene {
         mut material: Material,
         notes: &mut Vec<String>,
     ) -> Result<Setup> {
-        if self.material.damping.is_none() && kind != SolverKind::Implicit {
+        if self.material.damping.is_none() && !kind.is_implicit() {
             material.damping_time = 0.0;
             if let Some((damping, said)) =
                 damping_to_bear(&SpringNetwork::new(&mesh, &material)?, kind)
@@ -302,7 +302,7 @@ impl Scene {
         if let (true, Some(run), Some((network, pinned))) = (silent, ahead, held)
             && let Some(response) = Response::new(network, pinned, &weight(network, across))
         {
-            if self.solver.dt.is_none() && kind == SolverKind::Implicit {
+            if self.solver.dt.is_none() && kind.is_implicit() {
                 pull.dt = response.step(run.steps, IMPLICIT_STEP);
             }
             let factor = response.factor(kind, run.steps, pull.dt);

@@ -8,6 +8,7 @@ use super::newton::Minimiser;
 use super::order::Lumps;
 use super::pool::Plan;
 use super::real::Real;
+use super::rules::Rule;
 use super::springs::Springs;
 use super::terms::Term;
 use super::vectors::{V4, of_metres, to_metres, zero};
@@ -139,7 +140,10 @@ impl<T: Real> CpuBody<T> {
             Some(chunks) => Plan::with(starts, chunks),
             None => Plan::new(starts),
         };
-        let implicit = kind == SolverKind::Implicit;
+        let implicit = kind.is_implicit();
+        if SolverKind::OF_ELEMENTS.contains(&kind) && elements.is_empty() {
+            return Err(kind.needs_elements());
+        }
         let mut terms: Vec<Box<dyn Term<T>>> = Vec::new();
         // Where there are elements, the springs stand for the edges of the mesh only.
         if elements.is_empty() {
@@ -150,8 +154,17 @@ impl<T: Real> CpuBody<T> {
             terms.push(Box::new(Tets::new(network, with, implicit)));
         }
         let newton = (implicit && !elements.is_empty()).then(|| {
-            let settings = crate::physics::Newton::default();
-            Minimiser::new(&plan, settings, damped * units.time)
+            let own = settings.tolerance != ConjugateGradients::default().tolerance;
+            let newton = match own {
+                true => crate::physics::Newton::to(settings.tolerance),
+                false => crate::physics::Newton::default(),
+            };
+            let rule = match kind {
+                SolverKind::Bdf2 => Rule::Bdf2,
+                SolverKind::Midpoint => Rule::Midpoint,
+                _ => Rule::Euler,
+            };
+            Minimiser::new(&plan, (newton, rule), damped * units.time)
         });
         let seen = match kind {
             SolverKind::VelocityVerlet => nodes,

@@ -50,7 +50,7 @@ pub fn propose<T: Real>(
                 let middle = add_scaled(v, T::HALF * h, a);
                 (add_scaled(u, h, middle), add_scaled(v, h, a))
             }),
-            SolverKind::Symplectic | SolverKind::Implicit => each(from, x.0, w.0, |u, v, a| {
+            _ => each(from, x.0, w.0, |u, v, a| {
                 let next = add_scaled(v, h, a);
                 (add_scaled(u, h, next), next)
             }),

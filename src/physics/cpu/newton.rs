@@ -73,12 +73,16 @@ pub struct Descent {
 }
 
 impl<T: Real> Minimiser<T> {
-    /// For a body shared out by `plan`.
-    pub fn new(plan: &Plan, settings: physics::Newton, mass_damping: f64) -> Minimiser<T> {
+    /// For a body shared out by `plan`, by `rule`.
+    pub fn new(
+        plan: &Plan,
+        (settings, rule): (physics::Newton, Rule),
+        mass_damping: f64,
+    ) -> Minimiser<T> {
         let nodes = plan.nodes();
         Minimiser {
             settings,
-            rule: Rule::Euler,
+            rule,
             mass_damping,
             projected: 0,
             masses: vec![T::ZERO; nodes],

@@ -8,8 +8,9 @@ use super::real::Real;
 use super::rules::Rule;
 use super::sum::motion;
 use super::terms::At;
-use crate::physics::{Newton, StepRecord};
-use crate::{Error, Result};
+use crate::physics::StepRecord;
+#[cfg(test)]
+use crate::{Error, Result, physics::Newton};
 
 /// What is noted of a step, or why it was refused.
 type Refusable = std::result::Result<StepRecord, Failure>;
@@ -20,7 +21,7 @@ impl<T: Real> CpuBody<T> {
     ///
     /// # Errors
     /// [`Error::Input`] for settings that make no sense.
-    #[cfg_attr(not(test), allow(dead_code))] // Until settings of scenes reach it.
+    #[cfg(test)]
     pub fn set_newton(&mut self, settings: Newton) -> Result<()> {
         let Newton {
             iterations,
@@ -42,7 +43,7 @@ impl<T: Real> CpuBody<T> {
 
     /// Says by which implicit rule a body of elements steps; others take no notice. The next step
     /// is a first one.
-    #[cfg_attr(not(test), allow(dead_code))] // Until settings of scenes reach it.
+    #[cfg(test)]
     pub fn set_rule(&mut self, rule: Rule) {
         if let Some(newton) = &mut self.newton {
             newton.rule = rule;

@@ -12,7 +12,6 @@
 
 /// An implicit rule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(not(test), allow(dead_code))] // Until names of solvers reach it.
 pub enum Rule {
     /// Implicit Euler: of first order, it damps.
     #[default]

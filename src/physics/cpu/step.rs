@@ -85,7 +85,7 @@ impl<T: Real> CpuBody<T> {
         }
         let step = T::of(h);
         let (mut iterations, mut residual) = (0, 0.0);
-        if self.kind == SolverKind::Implicit {
+        if self.kind.is_implicit() {
             (iterations, residual) = self.propose_implicit(step)?;
         } else {
             self.propose_explicit(h);

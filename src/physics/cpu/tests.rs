@@ -175,6 +175,7 @@ impl<T: Real> Pair<T> {
             SolverKind::Implicit => {
                 steppers::implicit_euler(p, h, tolerance).unwrap();
             }
+            kind => panic!("{kind} steps no springs"),
         }
         self.body.run(1, h).unwrap();
     }

@@ -6,7 +6,7 @@ use super::guard::Failure;
 use super::loads::Attachment;
 use super::particles::Particles;
 use super::real::Real;
-use crate::physics::{Progress, SolverKind, StepRecord};
+use crate::physics::{Progress, StepRecord};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -60,7 +60,7 @@ pub(super) trait Stepped: Send + 'static {
 
 impl<T: Real> Stepped for CpuBody<T> {
     fn iterates(&self) -> bool {
-        self.kind() == SolverKind::Implicit
+        self.kind().is_implicit()
     }
 
     fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {

@@ -125,6 +125,7 @@ pub fn step_truth(kind: SolverKind, p: &mut Particles, steps: u32, h: f64) {
             SolverKind::Implicit => {
                 steppers::implicit_euler(p, h, 1e-10).unwrap();
             }
+            kind => panic!("{kind} steps no springs"),
         }
     }
 }

@@ -6,8 +6,8 @@ use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, generate};
 use palpate::physics::{
-    Body, ConjugateGradients, ImplicitEuler, Law, Material, MaterialModel, Report, Solver,
-    SolverKind, SpringNetwork,
+    Body, ConjugateGradients, EngineChoice, ImplicitEuler, Law, Material, MaterialModel, Report,
+    Solver, SolverKind, SpringNetwork,
 };
 
 /// Of the unit of time: a step too short to move.
@@ -366,5 +366,40 @@ fn elements_follow_cuts() {
             (mean / (0.5 * 9.81 * 0.04) - 1.0).abs() < 0.2,
             "{kind}: {mean}"
         );
+    }
+}
+
+/// A bar of elements swings as far with a large step of second order as with small ones; implicit
+/// Euler loses half of it.
+#[test]
+fn rules_of_second_order_keep_the_swing() {
+    let gpu = Gpu::new().unwrap();
+    let soft = material(MaterialModel::NeoHookean);
+    let after = |kind: SolverKind, steps: u32| {
+        let body = EngineChoice::Auto.tets(&gpu, bar(), &soft, kind);
+        let mut body = body.unwrap();
+        body.pin(|p| p.x < 1e-6).unwrap();
+        body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -2.0));
+        body.run(steps, 0.4 / f64::from(steps)).unwrap();
+        let positions = body.positions().unwrap();
+        let sunk = body.mesh().nodes.iter().zip(positions);
+        sunk.map(|(p, q)| p.z - q.z).fold(0.0, f64::max)
+    };
+    let truth = after(SolverKind::Midpoint, 400);
+    let off = |kind| (after(kind, 20) / truth - 1.0).abs();
+    let [euler, bdf2, midpoint] =
+        [SolverKind::Implicit, SolverKind::Bdf2, SolverKind::Midpoint].map(off);
+    println!("{truth}: {euler} {bdf2} {midpoint}");
+    assert!(
+        bdf2 < 0.5 * euler && midpoint < 0.5 * euler,
+        "{euler} {bdf2} {midpoint}"
+    );
+    let springs = Material::young(1e4);
+    for kind in SolverKind::OF_ELEMENTS {
+        let told = EngineChoice::Auto.tets(&gpu, bar(), &springs, kind).err();
+        assert!(told.unwrap().to_string().contains("--material neo-hookean"));
+        let gpu_only: EngineChoice = "gpu".parse().unwrap();
+        let told = gpu_only.tets(&gpu, bar(), &soft, kind).err().unwrap();
+        assert!(told.to_string().contains("--engine cpu"), "{told}");
     }
 }

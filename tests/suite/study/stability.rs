@@ -78,6 +78,7 @@ fn energies(start: &Particles, kind: SolverKind, steps: usize, h: f64) -> Vec<f6
             SolverKind::Implicit => {
                 steppers::implicit_euler(&mut p, h, 1e-8).unwrap();
             }
+            kind => panic!("{kind} steps no springs"),
         }
         energies.push((p.elastic_energy() + p.kinetic_energy()) / before);
         if energies[energies.len() - 1].is_nan() || energies[energies.len() - 1] > 1e3 {
