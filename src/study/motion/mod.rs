@@ -108,6 +108,9 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         charts.push(picture::told_apart(run, trial, &of(&rows, trial))?);
     }
     text += &picture::totals(&rows);
+    if let Some(trial) = trials.first() {
+        text += &format!("Steps by the engine on the {}.\n", trial.engine());
+    }
     if scene.is_none() {
         let (orders, drawn) = orders::run(run)?;
         let (model, drawn_model) = model::run(run)?;

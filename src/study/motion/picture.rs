@@ -180,10 +180,7 @@ pub fn totals(rows: &[Row]) -> String {
     let euler = |r: &Row| r.text("solver") == SolverKind::Explicit.name();
     let explicit = |r: &Row| !implicit(r) && !grid(r) && !euler(r);
     let of_grid = match rows.iter().any(grid) {
-        true => format!(
-            " {:.0e} to one of a grid body, whose Verlet keeps two positions and no velocity, and loses digits as the step shrinks,",
-            worst("f32_error", &grid)
-        ),
+        true => format!(" {:.0e} to one of a grid body,", worst("f32_error", &grid)),
         false => String::new(),
     };
     format!(

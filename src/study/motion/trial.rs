@@ -4,7 +4,7 @@ use super::device::{ACCURATE, on_engine};
 use crate::gpu::Gpu;
 use crate::mesh::signed_volume;
 use crate::physics::{
-    ConjugateGradients, CpuTets, Material, Simulator, SolverKind, SpringNetwork,
+    ConjugateGradients, CpuTets, Engine, Material, Simulator, SolverKind, SpringNetwork,
     largest_stable_step,
 };
 use crate::study::truth::{Scheme, State, Truth, converged, distance, motion, truth};
@@ -144,6 +144,11 @@ impl Trial {
             truth: None,
             solved: Default::default(),
         }
+    }
+
+    /// What makes its motions that are not in float64.
+    pub fn engine(&self) -> Engine {
+        self.simulator.engine()
     }
 
     /// The same with an exact solution.

@@ -193,8 +193,7 @@ fn explicit_steps() {
     }
 }
 
-/// Steps from random states are the Newton iteration that they are meant to be, and over a motion
-/// they are near what converged ones come to.
+/// Steps from random states are the Newton iteration that they are meant to be.
 #[test]
 fn implicit_steps() {
     let gpu = Gpu::new().unwrap();
@@ -227,6 +226,19 @@ fn implicit_steps() {
                 assert!(relative(&there.v, &truth.v) > 2.0 * apart, "{model} {name}");
             }
         }
+    }
+}
+
+/// Over a motion steps are near what converged ones come to.
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn implicit_motions() {
+    let gpu = Gpu::new().unwrap();
+    let settings = ConjugateGradients {
+        tolerance: 1e-6,
+        ..ConjugateGradients::default()
+    };
+    for model in MODELS {
         for damping_time in [0.0, 0.004] {
             let mut body = swinging(&gpu, model, damping_time);
             let mut truth = Truth::of(&body);
