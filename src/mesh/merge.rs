@@ -128,6 +128,7 @@ impl TetMesh {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use glam::DVec3;
 

@@ -87,7 +87,7 @@ impl Bodies {
         let Some(first) = members.first() else {
             return Err(Error::Input("there are no bodies to simulate".into()));
         };
-        if let Some(m) = members.iter().find(|m| !(m.step > 0.0)) {
+        if let Some(m) = members.iter().find(|m| m.step.is_nan() || m.step <= 0.0) {
             return Err(Error::Input(format!(
                 "body \"{}\" is to take steps of {} s; give a positive number",
                 m.name, m.step

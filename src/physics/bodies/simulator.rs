@@ -131,8 +131,8 @@ impl Simulator for Bodies {
     }
 
     fn restart(&mut self) -> Result<()> {
-        let each = self.members.iter_mut();
-        each.map(|m| m.named(|s| s.restart())).collect()
+        let mut each = self.members.iter_mut();
+        each.try_for_each(|m| m.named(|s| s.restart()))
     }
 
     fn loads(&self) -> &Loads {
@@ -287,9 +287,8 @@ impl Simulator for Bodies {
         if pose.parts.len() != self.members.len() {
             return Err(Error::Input("the pose of other bodies".into()));
         }
-        let each = self.members.iter_mut().zip(&pose.parts);
-        each.map(|(m, pose)| m.named(|s| s.set_pose(pose)))
-            .collect()
+        let mut each = self.members.iter_mut().zip(&pose.parts);
+        each.try_for_each(|(m, pose)| m.named(|s| s.set_pose(pose)))
     }
 }
 

@@ -158,6 +158,7 @@ fn shifted(face: BoundaryFace, first: u32) -> BoundaryFace {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::mesh::{Blade, cut, generate};
     use glam::DVec3;

@@ -1,5 +1,5 @@
 //! The finite elements against their plain float64 form, and what steps of them must keep to.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::needless_range_loop)]
 
 use super::element_batches::Batch;
 use super::element_kernels::PAIRS;

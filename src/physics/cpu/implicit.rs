@@ -19,6 +19,9 @@ const KEPT: u32 = 30;
 const GROWTH: f64 = 1.3;
 const SPARE: u32 = 3;
 
+/// Blocks, inverse blocks and residual of every node.
+type Diagonal<'a, T> = (&'a [Symmetric<T>], &'a mut [Columns<T>], &'a [V4<T>]);
+
 /// The system of a step and its solver.
 #[derive(Clone, Debug)]
 pub struct Implicit<T> {
@@ -171,7 +174,7 @@ impl<T: Real> Implicit<T> {
     }
 
     /// The diagonal blocks, with the inverse blocks to be made of them, and the residual.
-    pub(super) fn diagonal(&mut self) -> (&[Symmetric<T>], &mut [Columns<T>], &[V4<T>]) {
+    pub(super) fn diagonal(&mut self) -> Diagonal<'_, T> {
         let solver = &mut self.solver;
         (&self.diagonal, &mut solver.inverse, &solver.residual)
     }

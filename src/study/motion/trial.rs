@@ -68,6 +68,9 @@ pub struct Found {
 /// Where a body would be at a time, where that is known exactly.
 pub type Exact = Box<dyn Fn(f64) -> State>;
 
+/// Motions by solver and steps; none where the body flew apart.
+type Motions = HashMap<(SolverKind, u32), Option<Vec<State>>>;
+
 /// A body, a start, a duration.
 pub struct Trial {
     /// Its name.
@@ -87,7 +90,7 @@ pub struct Trial {
     exact: Option<Exact>,
     truth: Option<Truth>,
     /// Motions in float64, and by the engine, solved as far as each can, by solver and steps.
-    solved: [HashMap<(SolverKind, u32), Option<Vec<State>>>; 2],
+    solved: [Motions; 2],
 }
 
 impl Trial {

@@ -166,6 +166,7 @@ fn swinging(gpu: &Gpu, model: MaterialModel, damping_time: f64) -> Body {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn explicit_steps() {
     let gpu = Gpu::new().unwrap();
     for model in MODELS {
@@ -309,6 +310,7 @@ fn affine_strain_is_in_balance_and_obeys_hooke() {
 
 /// From any shape back to the one at rest.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn scrambled_bodies_recover() {
     let gpu = Gpu::new().unwrap();
     let mesh = bar();

@@ -154,11 +154,13 @@ fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
     };
     let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
     let mut geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
-    let mut unlit = RaycastOptions::default();
-    unlit.light = Light::Head;
+    let lit = RaycastOptions {
+        light: Light::Head,
+        ..RaycastOptions::default()
+    };
     let transfer = TransferFunction::preset("viridis").unwrap();
     geometry.illuminate(&mesh, &topology, &scalars).unwrap();
-    let mut caster = Raycaster::with_options(&gpu, geometry, &transfer, unlit).unwrap();
+    let mut caster = Raycaster::with_options(&gpu, geometry, &transfer, lit).unwrap();
     let camera = Camera::framing(&mesh);
     caster.image(&camera, [16, 16], Mode::Composite).unwrap();
     let error = check(caster.geometry(), &mesh, &topology, &scalars);
