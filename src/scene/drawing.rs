@@ -53,7 +53,7 @@ impl Stage {
     /// moved since.
     ///
     /// # Errors
-    /// As [`Raycaster::image`].
+    /// As [`Raycaster::image`](crate::render::Raycaster::image).
     pub fn image(&mut self) -> Result<Image> {
         self.publish_now()?;
         let version = self.drive.nodes().version();
@@ -93,7 +93,7 @@ impl Stage {
     /// black: for callers with encoders and views of their own. Reads nothing back.
     ///
     /// # Errors
-    /// As [`Raycaster::record`].
+    /// As [`Raycaster::record`](crate::render::Raycaster::record).
     pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
         self.publish(work)?;
         let background = Some([0.0, 0.0, 0.0, 1.0]);

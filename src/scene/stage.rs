@@ -100,8 +100,8 @@ impl Stage {
     /// Loads the mesh of `scene` and prepares everything on `gpu`.
     ///
     /// # Errors
-    /// [`Error::Input`] for what makes no sense in the scene, what reading the mesh gives, or
-    /// [`Error::Gpu`] when it does not fit the device.
+    /// [`Error::Input`](crate::Error::Input) for what makes no sense in the scene, what reading the mesh gives, or
+    /// [`Error::Gpu`](crate::Error::Gpu) when it does not fit the device.
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
         if !scene.body.is_empty() {
             return Stage::with_bodies(gpu, scene);
@@ -288,7 +288,7 @@ impl Stage {
     /// Runs `steps` steps of the solver, telling `progress` how many are done.
     ///
     /// # Errors
-    /// [`Error::Solver`] when the simulation failed; the last good state stays and can be drawn.
+    /// [`Error::Solver`](crate::Error::Solver) when the simulation failed; the last good state stays and can be drawn.
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
         let mut done = 0;
         while done < steps {
