@@ -14,7 +14,7 @@ pub struct Tissue {
     /// relationships between acoustic parameters in human soft tissues* (2000).
     pub density: f64,
     /// Poisson's ratio. Soft tissue is mostly water and hardly changes its volume: models of it
-    /// have 0.45 to 0.4999, of which 0.45 is what linear tets bear without locking. Bone has 0.3,
+    /// have 0.45 to 0.4999, of which 0.45 is taken, for linear tets lock as it nears ½. Bone has 0.3,
     /// as is usual in elements; the meniscus after Danso et al., J. Biomech. (2018), the
     /// lung by the source of its modulus.
     pub poisson: f64,
