@@ -3,6 +3,7 @@
 //!
 //!     cargo bench --bench steps -- [TETS … | limb:TETS | FILE …] [--solver NAME] [--dt S]
 //!                                  [--bone FACTOR] [--unit M] [--engine NAME]
+//!                                  [--material MODEL] [--poisson NU] [--volume VOLUME]
 //!
 //! The bar is 0.8 × 0.2 × 0.2 m, 1000 kg/m³, E = 1 MPa; limb and files are of 30 kPa, the bones of
 //! a limb FACTOR times as stiff (1,000 where nothing is said). One end held, gravity across,
@@ -12,7 +13,8 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
 use palpate::physics::{
-    Engine, EngineChoice, HeldEnd, Material, RegionMaterial, Simulator, SolverKind,
+    Engine, EngineChoice, HeldEnd, Material, MaterialModel, RegionMaterial, Simulator, SolverKind,
+    VolumeModel,
 };
 use std::time::{Duration, Instant};
 
@@ -21,6 +23,8 @@ fn main() -> palpate::Result<()> {
     let mut kinds = SolverKind::ALL.to_vec();
     let mut engines = vec![Engine::Gpu, Engine::Cpu];
     let (mut dt, mut bone, mut unit) = (0.01, 1000.0, 1.0);
+    let (mut model, mut poisson) = (MaterialModel::default(), 0.4);
+    let mut volume = VolumeModel::default();
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
         let mut number = |default: f64| {
@@ -31,6 +35,9 @@ fn main() -> palpate::Result<()> {
             "--dt" => dt = number(dt),
             "--bone" => bone = number(bone),
             "--unit" => unit = number(unit),
+            "--material" => model = arguments.next().unwrap_or_default().parse()?,
+            "--poisson" => poisson = number(poisson),
+            "--volume" => volume = arguments.next().unwrap_or_default().parse()?,
             "--solver" => kinds = vec![arguments.next().unwrap_or_default().parse()?],
             "--engine" => match arguments.next().unwrap_or_default().parse()? {
                 EngineChoice::This(engine) => engines = vec![engine],
@@ -47,6 +54,12 @@ fn main() -> palpate::Result<()> {
     println!("   tets   nodes  solver           engine      dt s   ms a step  iterations");
     for body in &bodies {
         let (mesh, material) = named(body, bone, unit)?;
+        let material = Material {
+            model,
+            poisson,
+            volume,
+            ..material
+        };
         for &kind in &kinds {
             for &engine in &engines {
                 let choice = EngineChoice::This(engine);

@@ -3,7 +3,7 @@
 use super::grid::{GpuGrid, GridBody, GridModel};
 use super::{
     Body, ConjugateGradients, CpuGrid, CpuTets, GpuTets, ImplicitEuler, Material, Simulator,
-    Solver, SolverKind, SpringNetwork,
+    Solver, SolverKind, SpringNetwork, VolumeModel,
 };
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -115,8 +115,9 @@ impl EngineChoice {
         (kind, settings): (SolverKind, ConjugateGradients),
     ) -> Result<Box<dyn Simulator>> {
         // What only one engine has is taken from there, unless the other was asked for.
-        let of_cpu = SolverKind::OF_ELEMENTS.contains(&kind) && self == EngineChoice::Auto;
-        if of_cpu || self.engine(gpu) == Engine::Cpu {
+        let of_cpu = SolverKind::OF_ELEMENTS.contains(&kind)
+            || network.elements.volume == VolumeModel::Averaged;
+        if of_cpu && self == EngineChoice::Auto || self.engine(gpu) == Engine::Cpu {
             let body = CpuTets::<f32>::of_network(gpu, mesh, network, material, kind, settings)?;
             return Ok(Box::new(body));
         }

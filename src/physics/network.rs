@@ -109,9 +109,11 @@ impl SpringNetwork {
             )));
         }
         if !cut.removed.is_empty() {
-            let (frame, damping) = (self.frame, self.elements.mass_damping);
+            let (frame, damping, kept) =
+                (self.frame, self.elements.mass_damping, self.elements.kept);
             *self = SpringNetwork::new(mesh, material)?;
             self.elements.mass_damping = damping;
+            self.elements.kept = kept;
             // Positions stay in the frame they are in.
             let moved = (self.frame.origin - frame.origin) * self.length_unit;
             self.rest.iter_mut().for_each(|x| *x += moved);
@@ -154,6 +156,8 @@ struct Matter<'a, F> {
     mesh: &'a TetMesh,
     material: &'a Material,
     made_of: F,
+    /// The labels of the tets.
+    labels: Option<&'a [f64]>,
     node_factors: Option<&'a [f64]>,
 }
 
@@ -166,6 +170,10 @@ impl<'a> Matter<'a, ()> {
             mesh,
             material,
             made_of: made_of(mesh, material)?,
+            labels: match &material.region_field {
+                Some(name) => Some(scalar_field(mesh, name, Location::Cell)?),
+                None => None,
+            },
             node_factors: match &material.node_field {
                 Some(name) => Some(scalar_field(mesh, name, Location::Node)?),
                 None => None,
@@ -210,8 +218,9 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         let element = |t| self.element(t, law, rest);
         Elements {
             law,
+            volume: self.material.volume,
             tets: tets.into_par_iter().filter_map(element).collect(),
-            mass_damping: 0.0,
+            ..Elements::default()
         }
     }
 
@@ -222,7 +231,19 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             0.25 * nodes.iter().map(|v| factors[*v as usize]).sum::<f64>()
         });
         let corners = nodes.map(|v| rest[v as usize]);
-        Element::new(nodes, corners, factor * made.stiffness, made.poisson, law)
+        let element = Element::new(nodes, corners, factor * made.stiffness, made.poisson, law)?;
+        let regions = &self.material.regions;
+        let region = self.labels.map_or(0, |labels| {
+            let label = labels[t].round() as i64;
+            regions
+                .keys()
+                .position(|l| *l == label)
+                .map_or(0, |n| n + 1)
+        });
+        Some(Element {
+            region: region as u32,
+            ..element
+        })
     }
 
     /// Gives `elements` the nodes that the tets `star` have now.
@@ -232,9 +253,10 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
         if elements.tets.len() != self.mesh.tets.len() {
             // Some were left out: which is whose is not known.
-            let damping = elements.mass_damping;
+            let (damping, kept) = (elements.mass_damping, elements.kept);
             *elements = self.elements(rest);
             elements.mass_damping = damping;
+            elements.kept = kept;
             return;
         }
         for t in star {
