@@ -15,5 +15,6 @@ mod grabs;
 mod grids;
 mod invariance;
 mod simulators;
+mod statics;
 mod steps;
 mod together;
