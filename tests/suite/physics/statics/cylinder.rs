@@ -86,7 +86,7 @@ fn a_pressed_cylinder_gives_as_lame_says() {
     let locked = error(8, 0.49, VolumeModel::PerTet, 0.49);
     let other = error(8, 0.3, VolumeModel::PerTet, 0.4);
     println!("locked {locked:.3}, of another ratio {other:.3}");
-    assert!(locked > 0.1 && other > 0.04, "{locked} {other}");
+    assert!(locked > 0.1 && other > 0.03, "{locked} {other}");
 }
 
 #[test]
