@@ -77,6 +77,11 @@ const WRONG: &[(&str, &str, &[&str])] = &[
         &["none", "axial or relative"],
     ),
     (
+        "mesh = {}\n[material]\nvolume = \"mean\"",
+        "line 3, column 10",
+        &["mean", "per-tet and averaged"],
+    ),
+    (
         "mesh = {}\n[material]\nyoung = 1\n\nbone = { mass = 2 }",
         "line 5, column 8",
         &["`bone`"],
