@@ -24,6 +24,7 @@ pub use device::{ADAPTER_VARIABLE, Gpu};
 pub use draw::{Draw, DrawBuilder};
 pub use layout::{GpuStruct, check_layout};
 pub use pass::{Pass, PassBuilder};
+pub use readback::Pending;
 pub use record::Recorder;
 pub(crate) use ring::Ring;
-pub use shader::{compose, parse, shader_names};
+pub use shader::{add_shader, compose, parse, shader_names};

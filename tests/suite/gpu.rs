@@ -192,6 +192,26 @@ fn the_callers_device_is_used_as_it_is() {
 }
 
 #[test]
+fn what_is_asked_back_arrives_without_waiting() {
+    let gpu = Gpu::new().unwrap();
+    let content: Vec<u32> = (0..5_000).collect();
+    let array = gpu.array_of("asked for", Texel::U32, &content).unwrap();
+    assert!(gpu.ask_array::<[u32; 4]>(&array).is_err());
+    let before = gpu.readbacks();
+    let mut pending = gpu.ask_array::<u32>(&array).unwrap();
+    // Written after it was asked for: not seen.
+    gpu.write_items(&array, 0, &[9u32]).unwrap();
+    let found = (0..10_000).find_map(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        pending.look().unwrap()
+    });
+    assert_eq!(found.unwrap(), content);
+    assert_eq!(gpu.readbacks(), before);
+    assert!(pending.look().is_err());
+    assert_eq!(gpu.read_array::<u32>(&array).unwrap()[0], 9);
+}
+
+#[test]
 fn parts_of_arrays_are_written_and_arrays_grow() {
     let gpu = Gpu::new().unwrap();
     // Within a row, across two, and over whole rows with a beginning and an end.
