@@ -102,6 +102,8 @@ pub struct Material {
     /// Damping in proportion to stiffness, in seconds: adds `damping_time · κ` to each spring's
     /// κ_d, which damps meshes of any size and fineness alike.
     pub damping_time: f64,
+    /// α of Rayleigh damping, 1/s, of elements: a force −α m v on every node.
+    pub mass_damping: f64,
     /// What is damped.
     pub damping_kind: Damping,
     /// A cell field whose values are labels of regions; see [`Material::regions`].
@@ -140,6 +142,7 @@ impl Material {
             density: 1000.0,
             damping: 0.0,
             damping_time: 0.0,
+            mass_damping: 0.0,
             damping_kind: Damping::default(),
             region_field: None,
             regions: BTreeMap::new(),
@@ -201,6 +204,19 @@ impl Material {
         }
     }
 
+    /// This material, of elements, so damped that a swing of `frequency` (Hz) has the damping ratio
+    /// `ratio` (1 just does not swing): Rayleigh's α = ζω and β = ζ/ω, ω = 2π times the frequency.
+    /// Slower and faster swings are damped more, ζ/2 (ω/ω' + ω'/ω) at ω'.
+    pub fn damped(self, ratio: f64, frequency: f64) -> Material {
+        let omega = std::f64::consts::TAU * frequency;
+        Material {
+            damping: 0.0,
+            mass_damping: ratio * omega,
+            damping_time: ratio / omega,
+            ..self
+        }
+    }
+
     /// Refuses numbers that make no sense.
     pub(crate) fn check(&self) -> Result<()> {
         let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = self.stiffness;
@@ -209,6 +225,7 @@ impl Material {
             ("density", self.density, self.density > 0.0),
             ("damping", self.damping, self.damping >= 0.0),
             ("damping time", self.damping_time, self.damping_time >= 0.0),
+            ("mass damping", self.mass_damping, self.mass_damping >= 0.0),
             ("length unit", self.length_unit, self.length_unit > 0.0),
         ];
         let uniform = matches!(self.stiffness, Stiffness::Uniform(_));
@@ -216,6 +233,27 @@ impl Material {
             return Err(Error::Input(format!(
                 "material: {} needs Young's modulus, and not a stiffness of springs",
                 self.model
+            )));
+        }
+        let springs = self.model == MaterialModel::Springs;
+        if springs && self.mass_damping != 0.0 || !springs && self.damping != 0.0 {
+            return Err(Error::Input(format!(
+                "material: a damping of {} is for {}; give {}",
+                if springs {
+                    "the mass"
+                } else {
+                    "every spring (N·s/m)"
+                },
+                if springs {
+                    "elements and not for springs"
+                } else {
+                    "springs and not for elements"
+                },
+                if springs {
+                    "a damping time, or another model"
+                } else {
+                    "a damping time, or a damping ratio at a frequency"
+                },
             )));
         }
         check_poisson(self.poisson, "")?;

@@ -211,7 +211,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         Elements {
             law,
             tets: tets.into_par_iter().filter_map(element).collect(),
-            mass_damping: 0.0,
+            mass_damping: self.material.mass_damping,
         }
     }
 
