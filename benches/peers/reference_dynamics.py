@@ -25,9 +25,9 @@ for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     EPSILON[i, j, k], EPSILON[i, k, j] = 1.0, -1.0
 
 
-def bar():
-    """Nodes and tets; every other cell is the mirror image of its neighbours."""
-    nx, ny, nz = CELLS
+def bar(cells=CELLS, edge=EDGE):
+    """Nodes and tets of a bar of cubes; every other one is the mirror image of its neighbours."""
+    nx, ny, nz = cells
     number = lambda i, j, k: (k * (ny + 1) + j) * (nx + 1) + i
     nodes = [(i, j, k) for k in range(nz + 1) for j in range(ny + 1) for i in range(nx + 1)]
     even = [(0, 3, 5, 6), (1, 0, 3, 5), (2, 0, 6, 3), (4, 0, 5, 6), (7, 3, 6, 5)]
@@ -39,7 +39,7 @@ def bar():
                     if (i + j + k) % 2:
                         tet = [c ^ 1 for c in tet]
                     tets.append([number(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)) for c in tet])
-    return EDGE * np.array(nodes, float), np.array(tets)
+    return edge * np.array(nodes, float), np.array(tets)
 
 
 class Body:

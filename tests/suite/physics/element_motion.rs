@@ -122,7 +122,10 @@ fn a_damping_ratio_is_that_of_the_swing() {
         let found = ((turns[1] - turns[2]) / (turns[1] - turns[0])).abs().ln();
         let expected = -std::f64::consts::PI * ratio / (1.0 - ratio * ratio).sqrt();
         println!("{kind} {ratio}: {found:.4}, {expected:.4}");
-        assert!((found / expected - 1.0).abs() < 0.05, "{kind} {ratio}: {found}");
+        assert!(
+            (found / expected - 1.0).abs() < 0.05,
+            "{kind} {ratio}: {found}"
+        );
     }
     // Without damping it comes back to where it was let go.
     let free = falling(&material(), 0.05, SolverKind::Midpoint, (0.002, 300));
