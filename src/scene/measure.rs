@@ -3,7 +3,7 @@
 use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, TextureLoads, texture_loads};
 use crate::physics::{Energy, Engine, MemberReport, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -31,6 +31,8 @@ pub struct StageReport {
     pub step_ms: Option<f64>,
     /// Dispatches of one step on the GPU, by shader; empty where the CPU steps.
     pub step_dispatches: BTreeMap<String, u64>,
+    /// Texture loads of one item of each of these.
+    pub step_loads: BTreeMap<String, TextureLoads>,
     /// GPU time of each pass in one frame (and step), ms; empty where the adapter has no clock.
     pub passes: BTreeMap<String, f64>,
     /// Rays that meet the mesh.
@@ -117,6 +119,8 @@ impl Stage {
         let passes = self.time_passes()?;
         let step_ms = self.time_steps(frames)?;
         let step_dispatches = self.count_step()?;
+        let loads = |name: &String| Ok((name.clone(), texture_loads(name)?));
+        let step_loads = step_dispatches.keys().map(loads).collect::<Result<_>>()?;
         if let Some(motion) = self.motion_mut() {
             motion.let_sleep(sleeps);
         }
@@ -130,6 +134,7 @@ impl Stage {
             frames,
             step_ms,
             step_dispatches,
+            step_loads,
             passes,
             rays: picture.rays,
             lost_rays: picture.lost_rays,
