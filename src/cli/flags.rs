@@ -19,7 +19,8 @@ pub struct SceneFlags {
     /// Picture size in pixels, WIDTHxHEIGHT [default: 1024x768]
     #[arg(long, help_heading = "Picture", value_parser = size)]
     pub size: Option<[u32; 2]>,
-    /// composite, thickness (length inside the mesh; EXR) or surface
+    /// composite, thickness (length inside the mesh; EXR), mip, minip or mean (the largest, least or
+    /// mean scalar on each ray, grey), or surface
     #[arg(long, help_heading = "Picture")]
     pub mode: Option<String>,
     /// How rays go from tet to tet: vertices or planes

@@ -2,67 +2,61 @@
 
 use super::shader::parsed;
 use crate::Result;
-use serde::Serialize;
 use wgpu::naga::{Block, Expression, Function, Module, Statement};
 
-/// Texture loads of one invocation of a shader. Of both sides of a branch each is counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct TextureLoads {
-    /// Outside of all loops.
-    pub once: u32,
-    /// In one round of each of its loops.
-    pub a_round: u32,
-}
-
-/// The texture loads of the shader `name`, which the names of terms may follow.
+/// The texture loads of one invocation of the shader `name`, which the names of terms may follow:
+/// outside of all loops, in one round of its loops, in one of the loops within these, and so on. Of
+/// both sides of a branch each is counted.
 ///
 /// # Errors
 /// As [`parse`](super::parse).
-pub fn texture_loads(name: &str) -> Result<TextureLoads> {
+pub fn texture_loads(name: &str) -> Result<Vec<u32>> {
     let module = parsed(name)?;
-    let mut loads = TextureLoads::default();
+    let mut loads = vec![0];
     for entry in &module.entry_points {
-        loads.visit(&module, &entry.function, &entry.function.body, false);
+        visit(
+            &module,
+            &entry.function,
+            &entry.function.body,
+            0,
+            &mut loads,
+        );
     }
     Ok(loads)
 }
 
-impl TextureLoads {
-    fn visit(&mut self, module: &Module, function: &Function, block: &Block, looped: bool) {
-        for statement in block {
-            match statement {
-                Statement::Emit(range) => {
-                    let expressions = range.clone().map(|e| &function.expressions[e]);
-                    let loads = expressions.filter(|e| matches!(e, Expression::ImageLoad { .. }));
-                    let count = if looped {
-                        &mut self.a_round
-                    } else {
-                        &mut self.once
-                    };
-                    *count += loads.count() as u32;
-                }
-                Statement::Block(inner) => self.visit(module, function, inner, looped),
-                Statement::If { accept, reject, .. } => {
-                    self.visit(module, function, accept, looped);
-                    self.visit(module, function, reject, looped);
-                }
-                Statement::Switch { cases, .. } => {
-                    for case in cases {
-                        self.visit(module, function, &case.body, looped);
-                    }
-                }
-                Statement::Loop {
-                    body, continuing, ..
-                } => {
-                    self.visit(module, function, body, true);
-                    self.visit(module, function, continuing, true);
-                }
-                Statement::Call { function, .. } => {
-                    let called = &module.functions[*function];
-                    self.visit(module, called, &called.body, looped);
-                }
-                _ => {}
+fn visit(module: &Module, function: &Function, block: &Block, depth: usize, loads: &mut Vec<u32>) {
+    for statement in block {
+        match statement {
+            Statement::Emit(range) => {
+                let expressions = range.clone().map(|e| &function.expressions[e]);
+                let found = expressions.filter(|e| matches!(e, Expression::ImageLoad { .. }));
+                loads[depth] += found.count() as u32;
             }
+            Statement::Block(inner) => visit(module, function, inner, depth, loads),
+            Statement::If { accept, reject, .. } => {
+                visit(module, function, accept, depth, loads);
+                visit(module, function, reject, depth, loads);
+            }
+            Statement::Switch { cases, .. } => {
+                for case in cases {
+                    visit(module, function, &case.body, depth, loads);
+                }
+            }
+            Statement::Loop {
+                body, continuing, ..
+            } => {
+                if loads.len() == depth + 1 {
+                    loads.push(0);
+                }
+                visit(module, function, body, depth + 1, loads);
+                visit(module, function, continuing, depth + 1, loads);
+            }
+            Statement::Call { function, .. } => {
+                let called = &module.functions[*function];
+                visit(module, called, &called.body, depth, loads);
+            }
+            _ => {}
         }
     }
 }

@@ -24,7 +24,7 @@ pub use binding::{Bind, Resource};
 pub use device::{ADAPTER_VARIABLE, Gpu};
 pub use draw::{Draw, DrawBuilder};
 pub use layout::{GpuStruct, check_layout};
-pub use loads::{TextureLoads, texture_loads};
+pub use loads::texture_loads;
 pub use pass::{Pass, PassBuilder};
 pub use readback::Pending;
 pub use record::Recorder;

@@ -3,7 +3,7 @@
 use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
-use crate::gpu::{Gpu, TextureLoads, texture_loads};
+use crate::gpu::{Gpu, texture_loads};
 use crate::physics::{Energy, Engine, MemberReport, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -31,8 +31,9 @@ pub struct StageReport {
     pub step_ms: Option<f64>,
     /// Dispatches of one step on the GPU, by shader; empty where the CPU steps.
     pub step_dispatches: BTreeMap<String, u64>,
-    /// Texture loads of one item of each of these.
-    pub step_loads: BTreeMap<String, TextureLoads>,
+    /// Texture loads of each of these: outside of its loops, in a round of them, in one of those
+    /// within.
+    pub step_loads: BTreeMap<String, Vec<u32>>,
     /// GPU time of each pass in one frame (and step), ms; empty where the adapter has no clock.
     pub passes: BTreeMap<String, f64>,
     /// Rays that meet the mesh.
