@@ -1,7 +1,7 @@
 //! What a body is made of: stiffness, mass, damping.
 
 use crate::{Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
 
@@ -108,6 +108,8 @@ pub struct Material {
     pub region_field: Option<String>,
     /// What the tets of some labels are made of instead.
     pub regions: BTreeMap<i64, RegionMaterial>,
+    /// Labels of the regions that move as rigid bodies: of elements, on the CPU.
+    pub rigid: BTreeSet<i64>,
     /// A node field of factors on the stiffness; a spring takes the mean of its two ends.
     pub node_field: Option<String>,
     /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
@@ -143,6 +145,7 @@ impl Material {
             damping_kind: Damping::default(),
             region_field: None,
             regions: BTreeMap::new(),
+            rigid: BTreeSet::new(),
             node_field: None,
             length_unit: 1.0,
         }
@@ -217,6 +220,12 @@ impl Material {
                 "material: {} needs Young's modulus, and not a stiffness of springs",
                 self.model
             )));
+        }
+        if !self.rigid.is_empty() && self.model == MaterialModel::Springs {
+            return Err(Error::Input(
+                "material: springs have no rigid regions; take neo-hookean or corotated elements"
+                    .into(),
+            ));
         }
         check_poisson(self.poisson, "")?;
         for (name, value, fits) in numbers {

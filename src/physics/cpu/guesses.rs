@@ -4,6 +4,7 @@ use super::implicit::Scene;
 use super::newton::Outside;
 use super::pool::Nodes;
 use super::real::Real;
+use super::rigid::RigidBodies;
 use super::rules::Form;
 use super::vectors::{V4, add_scaled, scale, zero};
 
@@ -57,6 +58,7 @@ impl<T: Real> Guesses<T> {
         outside: Outside<'_, T>,
         history: Option<&[Vec<V4<T>>; 2]>,
         form: Form,
+        rigid: &RigidBodies,
     ) {
         self.known = history.is_some() && form.bend > 0.0;
         self.reach = T::of(form.reach);
@@ -72,6 +74,11 @@ impl<T: Real> Guesses<T> {
             .each(data, &|chunk, nodes, (goal, base, curved)| {
                 let (masses, u) = (scene.masses, scene.at.u);
                 outside.loads.put(scene.plan, chunk, masses, u, goal.0);
+                for (b, body) in rigid.bodies.iter().enumerate() {
+                    if nodes.contains(&body.nodes.start) {
+                        rigid.load(b, nodes.start, goal.0);
+                    }
+                }
                 for (n, i) in nodes.enumerate() {
                     let mut v = scene.at.v[i];
                     base.0[n] = zero();

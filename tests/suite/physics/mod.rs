@@ -14,6 +14,7 @@ mod floors;
 mod grabs;
 mod grids;
 mod invariance;
+mod rigid;
 mod simulators;
 mod steps;
 mod together;
