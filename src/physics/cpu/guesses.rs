@@ -4,9 +4,9 @@ use super::implicit::Scene;
 use super::newton::Outside;
 use super::pool::Nodes;
 use super::real::Real;
-use super::rigid::RigidBodies;
+use super::rigid::{RigidBodies, narrow};
 use super::rules::Form;
-use super::vectors::{V4, add_scaled, scale, zero};
+use super::vectors::{V4, add, add_scaled, scale, sub, zero};
 
 /// A displacement to start from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +79,7 @@ impl<T: Real> Guesses<T> {
                         rigid.load(b, nodes.start, goal.0);
                     }
                 }
-                for (n, i) in nodes.enumerate() {
+                for (n, i) in nodes.clone().enumerate() {
                     let mut v = scene.at.v[i];
                     base.0[n] = zero();
                     if let Some([change, moved]) = history {
@@ -90,6 +90,16 @@ impl<T: Real> Guesses<T> {
                     let by = scale(gamma, scale(outside.inverse[i], goal.0[n]));
                     let faster = add_scaled(v, T::ONE, by);
                     goal.0[n] = add_scaled(base.0[n], gamma, faster);
+                }
+                for (b, body) in rigid.bodies.iter().enumerate() {
+                    if rigid.midpoint && nodes.contains(&body.nodes.start) {
+                        let places = rigid.aim(b, form.gamma, scene.at.v);
+                        for (i, place) in body.carriers().zip(places) {
+                            let goal = &mut goal.0[i - nodes.start];
+                            let straight = scale(gamma, scene.at.v[i]);
+                            *goal = add(sub(*goal, straight), narrow(place));
+                        }
+                    }
                 }
                 []
             });

@@ -41,6 +41,7 @@ mod real;
 mod rigid;
 mod rigid_body;
 mod rigid_layout;
+mod rigid_midpoint;
 #[cfg(test)]
 mod rigid_tests;
 mod rules;

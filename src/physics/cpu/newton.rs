@@ -122,6 +122,10 @@ impl<T: Real> Minimiser<T> {
         self.lag(scene, terms, form);
         let known = &implicit.solver.known;
         let history = (implicit.solver.count == 2).then_some(known);
+        self.rigid.midpoint = self.rule == Rule::Midpoint;
+        if outside.last == 0.0 {
+            self.rigid.restart();
+        }
         self.rigid.draw();
         let rigid = &self.rigid;
         self.guesses.prepare(scene, outside, history, form, rigid);
@@ -179,7 +183,8 @@ impl<T: Real> Minimiser<T> {
         (h, last): (f64, f64),
         next: (&mut [V4<T>], &mut [V4<T>]),
     ) {
-        let stride = T::of(self.form(implicit, h, last).stride);
+        let form = self.form(implicit, h, last);
+        let stride = T::of(form.stride);
         let (u, v) = next;
         let next = (&mut *u, &mut *v);
         let Trial { delta, speed, .. } = &mut self.best;
@@ -196,11 +201,15 @@ impl<T: Real> Minimiser<T> {
             }
             []
         });
-        let rigid = &self.rigid;
-        rigid.put(&rigid.best, u);
-        for b in 0..rigid.bodies.len() {
-            rigid.carry(b, false, v);
+        let rigid = &mut self.rigid;
+        if rigid.midpoint {
+            rigid.reflect(form.gamma, scene.at.v, v);
+        } else {
+            for b in 0..rigid.bodies.len() {
+                rigid.carry(b, false, v);
+            }
         }
+        rigid.put(&rigid.best, u);
     }
 
     /// Keeps the changes of velocity and displacement of the step that was finished.

@@ -176,6 +176,10 @@ pub(super) struct RigidBodies {
     changes: Vec<(DVec3, DMat3)>,
     /// Of the direction that is searched along: shift and rotation vector.
     pub directions: Vec<(DVec3, DVec3)>,
+    /// Of the midpoint rule: the torque on each body in the last step.
+    pub torques: Vec<DVec3>,
+    /// Whether steps are those of that rule.
+    pub midpoint: bool,
     draws: Vec<InnerDraw>,
     /// The forces of these on the carriers.
     drawn: Vec<[DVec3; CARRIERS]>,
@@ -212,6 +216,8 @@ impl RigidBodies {
             trial: poses,
             changes: vec![(DVec3::ZERO, DMat3::ZERO); bodies.len()],
             directions: vec![(DVec3::ZERO, DVec3::ZERO); bodies.len()],
+            torques: vec![DVec3::ZERO; bodies.len()],
+            midpoint: false,
             draws: Vec::new(),
             drawn: vec![[DVec3::ZERO; CARRIERS]; bodies.len()],
             bodies,
@@ -570,12 +576,12 @@ pub(super) fn outer(a: DVec3, b: DVec3) -> DMat3 {
 }
 
 /// |a|² I − a aᵀ.
-fn inertia_of(a: DVec3) -> DMat3 {
+pub(super) fn inertia_of(a: DVec3) -> DMat3 {
     DMat3::from_diagonal(DVec3::splat(a.length_squared())) - outer(a, a)
 }
 
 /// The turn that `moment` gives what has this inertia, of the turns that there are.
-fn turned_by(inertia: DMat3, moment: DVec3, within: DMat3) -> DVec3 {
+pub(super) fn turned_by(inertia: DMat3, moment: DVec3, within: DMat3) -> DVec3 {
     let trace = inertia.x_axis.x + inertia.y_axis.y + inertia.z_axis.z;
     let whole = within * inertia * within + (DMat3::IDENTITY - within) * trace;
     within * (whole.inverse() * (within * moment))

@@ -13,9 +13,9 @@ use glam::{DMat3, DVec3};
 /// [`Error::Input`].
 pub(super) fn steps_rigid(kind: SolverKind) -> Result<()> {
     match kind {
-        SolverKind::Implicit | SolverKind::Bdf2 => Ok(()),
+        SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => Ok(()),
         _ => Err(Error::Input(format!(
-            "{kind} steps no rigid regions: take bdf2 or implicit"
+            "{kind} steps no rigid regions: take implicit, bdf2 or midpoint"
         ))),
     }
 }

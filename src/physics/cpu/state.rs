@@ -35,6 +35,8 @@ pub(super) struct BodyState<T> {
     pub steps: u64,
     /// Where rigid bodies are: shift and turn.
     pub poses: Vec<[f64; 7]>,
+    /// And the torque on each in the last step, of the midpoint rule.
+    pub torques: Vec<[f64; 3]>,
     /// Whether forces are as old as the state, only older than what acts, or of no use.
     pub begin: u8,
 }
@@ -58,6 +60,9 @@ impl<T: Real> CpuBody<T> {
             poses: self.newton.as_ref().map_or(Vec::new(), |n| {
                 n.rigid.now.iter().map(Pose::numbers).collect()
             }),
+            torques: self.newton.as_ref().map_or(Vec::new(), |n| {
+                n.rigid.torques.iter().map(|t| t.to_array()).collect()
+            }),
             begin: match self.start {
                 Start::Ready => 0,
                 Start::Resume => 1,
@@ -77,6 +82,7 @@ impl<T: Real> CpuBody<T> {
         let fits = state.u.len() == slots
             && state.v.len() == slots
             && state.poses.len() == bodies
+            && state.torques.len() == bodies
             && state.seen.len() == self.now.seen.len()
             && state.solutions.len() <= 2
             && state.solutions.iter().all(|s| s.len() == nodes)
@@ -105,6 +111,9 @@ impl<T: Real> CpuBody<T> {
         if let Some(newton) = &mut self.newton {
             for (pose, numbers) in newton.rigid.now.iter_mut().zip(&state.poses) {
                 *pose = Pose::of_numbers(*numbers);
+            }
+            for (torque, numbers) in newton.rigid.torques.iter_mut().zip(&state.torques) {
+                *torque = (*numbers).into();
             }
         }
         // Forces are made anew in any case, from the same numbers.

@@ -40,7 +40,10 @@ fn they_are_stepped_on_the_cpu() {
     let on_gpu = refused(EngineChoice::This(Engine::Gpu), SolverKind::Implicit);
     assert!(on_gpu.contains("take --engine cpu"), "{on_gpu}");
     let explicit = refused(EngineChoice::Auto, SolverKind::Verlet);
-    assert!(explicit.contains("take bdf2 or implicit"), "{explicit}");
+    assert!(
+        explicit.contains("take implicit, bdf2 or midpoint"),
+        "{explicit}"
+    );
     let springs = Material {
         model: MaterialModel::Springs,
         ..material.clone()
