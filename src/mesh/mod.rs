@@ -13,6 +13,7 @@ pub mod generate;
 mod merge;
 mod order;
 mod packed_normal;
+mod part;
 mod quality;
 mod region_field;
 mod region_surface;

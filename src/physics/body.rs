@@ -96,6 +96,12 @@ impl Body {
                 network.masses.len()
             )));
         }
+        if !network.elements.rigid.is_empty() {
+            return Err(Error::Input(
+                "rigid regions are simulated on the CPU: take --engine cpu (engine = \"cpu\")"
+                    .into(),
+            ));
+        }
         let units = Units::of(&network);
         let nodes = Nodes::new(gpu, mesh)?;
         let frame = nodes.frame();

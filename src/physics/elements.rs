@@ -11,6 +11,7 @@
 //!   section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1 for
 //!   inverted tets too.
 
+use super::rigid::RigidBody;
 use glam::{DMat3, DVec3};
 
 /// How energy goes with strain.
@@ -41,8 +42,10 @@ pub struct Element {
 pub struct Elements {
     /// The law of all of them.
     pub law: Law,
-    /// The tets.
+    /// The tets, without those of rigid bodies.
     pub tets: Vec<Element>,
+    /// What moves as one body.
+    pub rigid: Vec<RigidBody>,
     /// α of Rayleigh damping, 1/s: a force −α m v on every node. The part in proportion to
     /// stiffness is [`SpringNetwork::damping_time`](super::SpringNetwork::damping_time).
     pub mass_damping: f64,
@@ -51,7 +54,7 @@ pub struct Elements {
 impl Elements {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.tets.is_empty()
+        self.tets.is_empty() && self.rigid.is_empty()
     }
 }
 
@@ -268,7 +271,7 @@ fn cofactor_change(f: &DMat3, d: &DMat3) -> DMat3 {
 
 /// F = R S with det R = 1 and S symmetric, of eigenvalues of which only the smallest is negative
 /// where F is inverted.
-fn polar(f: &DMat3) -> (DMat3, DMat3) {
+pub(crate) fn polar(f: &DMat3) -> (DMat3, DMat3) {
     let square = f.transpose() * *f;
     let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| square.col(j)[i]));
     let (values, vectors) = eigen(rows);

@@ -115,8 +115,9 @@ impl EngineChoice {
         (kind, settings): (SolverKind, ConjugateGradients),
     ) -> Result<Box<dyn Simulator>> {
         // What only one engine has is taken from there, unless the other was asked for.
-        let of_cpu = SolverKind::OF_ELEMENTS.contains(&kind) && self == EngineChoice::Auto;
-        if of_cpu || self.engine(gpu) == Engine::Cpu {
+        let rigid = !network.elements.rigid.is_empty();
+        let of_cpu = rigid || SolverKind::OF_ELEMENTS.contains(&kind);
+        if of_cpu && self == EngineChoice::Auto || self.engine(gpu) == Engine::Cpu {
             let body = CpuTets::<f32>::of_network(gpu, mesh, network, material, kind, settings)?;
             return Ok(Box::new(body));
         }

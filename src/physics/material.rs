@@ -1,7 +1,7 @@
 //! What a body is made of: stiffness, mass, damping.
 
 use crate::{Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
 
@@ -110,6 +110,8 @@ pub struct Material {
     pub region_field: Option<String>,
     /// What the tets of some labels are made of instead.
     pub regions: BTreeMap<i64, RegionMaterial>,
+    /// Labels of the regions that move as rigid bodies: of elements, on the CPU.
+    pub rigid: BTreeSet<i64>,
     /// A node field of factors on the stiffness; a spring takes the mean of its two ends.
     pub node_field: Option<String>,
     /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
@@ -146,6 +148,7 @@ impl Material {
             damping_kind: Damping::default(),
             region_field: None,
             regions: BTreeMap::new(),
+            rigid: BTreeSet::new(),
             node_field: None,
             length_unit: 1.0,
         }
@@ -236,25 +239,23 @@ impl Material {
             )));
         }
         let springs = self.model == MaterialModel::Springs;
-        if springs && self.mass_damping != 0.0 || !springs && self.damping != 0.0 {
+        if springs && self.mass_damping != 0.0 {
             return Err(Error::Input(format!(
-                "material: a damping of {} is for {}; give {}",
-                if springs {
-                    "the mass"
-                } else {
-                    "every spring (N·s/m)"
-                },
-                if springs {
-                    "elements and not for springs"
-                } else {
-                    "springs and not for elements"
-                },
-                if springs {
-                    "a damping time, or another model"
-                } else {
-                    "a damping time, or a damping ratio at a frequency"
-                },
+                "material: a damping of the mass, {} 1/s, is for elements and not for springs; take neo-hookean or corotated",
+                self.mass_damping
             )));
+        }
+        if !springs && self.damping != 0.0 {
+            return Err(Error::Input(format!(
+                "material: a damping of {} N·s/m is one of every spring, and {} elements have none; give a damping ratio at a frequency, or a damping time",
+                self.damping, self.model
+            )));
+        }
+        if springs && !self.rigid.is_empty() {
+            return Err(Error::Input(
+                "material: springs have no rigid regions; take neo-hookean or corotated elements"
+                    .into(),
+            ));
         }
         check_poisson(self.poisson, "")?;
         for (name, value, fits) in numbers {

@@ -4,6 +4,7 @@
 use super::elements::{Element, Elements, Law};
 use super::hold::HeldEnd;
 use super::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
+use super::rigid::rigid_bodies;
 use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -154,6 +155,8 @@ struct Matter<'a, F> {
     mesh: &'a TetMesh,
     material: &'a Material,
     made_of: F,
+    /// The region of every tet, where some are rigid.
+    labels: Option<&'a [f64]>,
     node_factors: Option<&'a [f64]>,
 }
 
@@ -166,6 +169,12 @@ impl<'a> Matter<'a, ()> {
             mesh,
             material,
             made_of: made_of(mesh, material)?,
+            labels: match &material.region_field {
+                Some(name) if !material.rigid.is_empty() => {
+                    Some(scalar_field(mesh, name, Location::Cell)?)
+                }
+                _ => None,
+            },
             node_factors: match &material.node_field {
                 Some(name) => Some(scalar_field(mesh, name, Location::Node)?),
                 None => None,
@@ -211,11 +220,21 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         Elements {
             law,
             tets: tets.into_par_iter().filter_map(element).collect(),
+            rigid: rigid_bodies(self.mesh, |t| self.rigid_label(t)),
             mass_damping: self.material.mass_damping,
         }
     }
 
+    /// The region of a tet, if that is rigid.
+    fn rigid_label(&self, tet: usize) -> Option<i64> {
+        let label = self.labels?.get(tet)?.round() as i64;
+        self.material.rigid.contains(&label).then_some(label)
+    }
+
     fn element(&self, t: usize, law: Law, rest: &[DVec3]) -> Option<Element> {
+        if self.rigid_label(t).is_some() {
+            return None;
+        }
         let nodes = self.mesh.tets[t];
         let made = (self.made_of)(t);
         let factor = self.node_factors.map_or(1.0, |factors| {
@@ -316,7 +335,12 @@ fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> Regi
     Ok(move |t: usize| {
         let label = labels.map(|labels| labels[t].round() as i64);
         let region = label.and_then(|label| material.regions.get(&label));
-        region.copied().unwrap_or(rest)
+        let made = region.copied().unwrap_or(rest);
+        match label.is_some_and(|label| material.rigid.contains(&label)) {
+            // Nothing is reckoned with how stiff it is, but the units.
+            true => RegionMaterial { stiffness, ..made },
+            false => made,
+        }
     })
 }
 

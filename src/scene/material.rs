@@ -60,7 +60,7 @@ type Tissues = BTreeMap<String, TissueEntry>;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(
     untagged,
-    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young`, `poisson` and `density`"
+    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young`, `poisson`, `density` and `rigid`"
 )]
 pub enum TissueEntry {
     /// Regions by label or name.
@@ -81,6 +81,10 @@ pub struct TissueTable {
     pub poisson: Option<f64>,
     /// Density in kg/m³.
     pub density: Option<f64>,
+    /// Whether its regions move as rigid bodies: of elements, on the CPU. Such a tissue needs no
+    /// `young`.
+    #[serde(default)]
+    pub rigid: bool,
 }
 
 /// The settings, each with its type; every other key is a tissue. Read by hand, for what serde
@@ -118,6 +122,13 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                             entry.tissues.insert(key, tissue);
                         }
                     }
+                }
+                // A flag may name a model yet, where the scene has none.
+                let springs = entry.model == Some(MaterialModel::Springs);
+                if springs || entry.stiffness.is_some() {
+                    entry
+                        .check_rigid(MaterialModel::Springs)
+                        .map_err(A::Error::custom)?;
                 }
                 Ok(entry)
             }
@@ -166,6 +177,17 @@ impl<'de> Deserialize<'de> for MaterialEntry {
 }
 
 impl MaterialEntry {
+    /// Refuses rigid tissues in bodies of springs.
+    fn check_rigid(&self, model: MaterialModel) -> Result<()> {
+        let rigid = self.tissues.iter().find(|(_, tissue)| tissue.is_rigid());
+        match (rigid, model) {
+            (Some((name, _)), MaterialModel::Springs) => Err(Error::Input(format!(
+                "`{name}` is rigid, and springs have no rigid regions: take model = \"neo-hookean\" (or \"corotated\")"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// The material, and in words what each region is made of; what is not said is as in
     /// [`Material::soft_tissue`].
     pub(super) fn material(&self, mesh: &TetMesh) -> Result<(Material, Vec<String>)> {
@@ -192,6 +214,7 @@ impl MaterialEntry {
         if let Some(poisson) = self.poisson {
             material.poisson = poisson;
         }
+        self.check_rigid(material.model)?;
         material.node_field = self.stiffness_field.clone();
         if let Some(density) = self.density {
             material.density = density;
@@ -274,6 +297,9 @@ impl MaterialEntry {
                         described(mesh, label)
                     )));
                 }
+                if entry.is_rigid() {
+                    material.rigid.insert(label);
+                }
                 made.push((label, name));
             }
         }
@@ -286,6 +312,13 @@ impl MaterialEntry {
             .iter()
             .map(|(label, name)| {
                 let region = material.regions[label];
+                if material.rigid.contains(label) {
+                    return format!(
+                        "{} is {name}, rigid: {} kg/m³",
+                        described(mesh, *label),
+                        region.density
+                    );
+                }
                 format!(
                     "{} is {name}: {:.3e} Pa,{} {} kg/m³",
                     described(mesh, *label),
@@ -315,11 +348,11 @@ impl MaterialEntry {
             Stiffness::Young(young) if rest => young,
             _ => f64::INFINITY,
         };
-        let softest = material
+        let soft = material
             .regions
-            .values()
-            .map(|r| r.stiffness)
-            .fold(own, f64::min);
+            .iter()
+            .filter(|(l, _)| !material.rigid.contains(l));
+        let softest = soft.map(|(_, r)| r.stiffness).fold(own, f64::min);
         for region in material.regions.values_mut() {
             region.stiffness = region.stiffness.min(contrast * softest);
         }
@@ -331,6 +364,10 @@ impl MaterialEntry {
 }
 
 impl TissueEntry {
+    fn is_rigid(&self) -> bool {
+        matches!(self, TissueEntry::Table(table) if table.rigid)
+    }
+
     /// The labels made of the tissue `name`, and what that is.
     fn resolve(
         &self,
@@ -355,6 +392,14 @@ impl TissueEntry {
             (Err(_), Some(young)) => {
                 let density = entry.density.unwrap_or(default.density);
                 (young, entry.poisson.unwrap_or(default.poisson), density)
+            }
+            // How stiff what is rigid is does not matter.
+            (Err(_), None) if table.rigid => {
+                let density = entry.density.unwrap_or(default.density);
+                let young = entry.young.unwrap_or(match default.stiffness {
+                    Stiffness::Young(e) | Stiffness::Uniform(e) => e,
+                });
+                (young, default.poisson, density)
             }
             (Err(unknown), None) => {
                 return Err(Error::Input(format!(

@@ -23,6 +23,8 @@ pub struct StageReport {
     pub tets: usize,
     /// Nodes of the mesh.
     pub nodes: usize,
+    /// Bodies of its tets that are rigid.
+    pub rigid_bodies: usize,
     /// Wall time of a frame, from recording to an idle GPU, everything redrawn: median, ms.
     pub frame_ms: f64,
     /// Frames it is the median of.
@@ -131,6 +133,7 @@ impl Stage {
             bodies: self.motion().map_or_else(Vec::new, Motion::bodies),
             tets: self.mesh().tets.len(),
             nodes: self.mesh().nodes.len(),
+            rigid_bodies: self.motion().map_or(0, Motion::rigid_bodies),
             frame_ms,
             frames,
             step_ms,

@@ -136,6 +136,12 @@ impl Motion {
         bodies.map_or_else(Vec::new, |bodies| bodies.member_reports(self.dt))
     }
 
+    /// How many rigid bodies there are in the body.
+    pub fn rigid_bodies(&self) -> usize {
+        let network = self.simulator.network();
+        network.map_or(0, |n| n.elements.rigid.len())
+    }
+
     /// What computes its steps.
     pub fn engine(&self) -> Engine {
         self.simulator.engine()

@@ -72,22 +72,7 @@ impl LabelOrName {
             LabelOrName::Label(label) => return Ok(*label),
             LabelOrName::Name(name) => name,
         };
-        let found = mesh
-            .region_names
-            .iter()
-            .find(|(_, known)| known.eq_ignore_ascii_case(name));
-        found.map(|(label, _)| *label).ok_or_else(|| {
-            let names: Vec<&str> = mesh.region_names.values().map(String::as_str).collect();
-            Error::Input(match names.as_slice() {
-                [] => format!(
-                    "there is no region called \"{name}\": the mesh's regions have no names; give the label, a whole number"
-                ),
-                _ => format!(
-                    "there is no region called \"{name}\"; there are {}",
-                    names.join(", ")
-                ),
-            })
-        })
+        mesh.region_label(name)
     }
 }
 

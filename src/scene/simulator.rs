@@ -77,6 +77,12 @@ impl Setup {
                     "the scene has both [grid] and [cage]; a cage of kind \"grid\" carries the mesh, leave [grid] out".into(),
                 ));
             }
+            (Some(_), None) | (None, Some(_)) if !material.rigid.is_empty() => {
+                return Err(Error::Input(
+                    "grids and cages have no rigid regions: leave [grid] or [cage] out, or `rigid`"
+                        .into(),
+                ));
+            }
             (Some(shape), None) => {
                 scene.grid_simulator(gpu, kind, mesh, shape, &material, &mut notes)?
             }
@@ -138,6 +144,40 @@ pub(super) fn damping_to_bear(undamped: &SpringNetwork, kind: SolverKind) -> Opt
     Some((damping, said))
 }
 
+/// What is rigid, in words, and a warning of regions that are one body only because they share
+/// nodes.
+fn rigid_notes(mesh: &TetMesh, network: &SpringNetwork) -> Vec<String> {
+    let bodies = &network.elements.rigid;
+    if bodies.is_empty() {
+        return Vec::new();
+    }
+    let nodes: usize = bodies.iter().map(|b| b.nodes.len()).sum();
+    let surface: usize = bodies.iter().map(|b| b.surface.len()).sum();
+    let name = |label: &i64| match mesh.region_names.get(label) {
+        Some(name) => name.clone(),
+        None => format!("region {label}"),
+    };
+    let said = match bodies.len() {
+        1 => "1 rigid body".to_owned(),
+        n => format!("{n} rigid bodies"),
+    };
+    let mut notes = vec![format!(
+        "{said} of {nodes} nodes, of which {surface} on their surfaces take part"
+    )];
+    let welded = bodies.iter().filter(|b| b.labels.len() > 1).map(|b| {
+        let names: Vec<String> = b.labels.iter().map(name).collect();
+        names.join(", ")
+    });
+    let welded: Vec<String> = welded.collect();
+    if !welded.is_empty() {
+        notes.push(format!(
+            "rigid regions that share nodes are one body: {} ([mesh] part = [[A, B]] parts two)",
+            welded.join("; ")
+        ));
+    }
+    notes
+}
+
 impl Scene {
     fn tet_simulator(
         &self,
@@ -157,6 +197,7 @@ impl Scene {
             }
         }
         let network = SpringNetwork::new(&mesh, &material)?;
+        notes.extend(rigid_notes(&mesh, &network));
         let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
         self.set_up(simulator, notes)
     }

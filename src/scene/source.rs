@@ -20,6 +20,14 @@ impl MeshSource {
     /// [`Error::Input`] when neither or both of a file and a generator are named, or the
     /// generator is not known; otherwise what reading gives.
     pub fn load(&self) -> Result<TetMesh> {
+        let mut mesh = self.welded()?;
+        for [first, second] in &self.part {
+            mesh.part(first.label(&mesh)?, second.label(&mesh)?)?;
+        }
+        Ok(mesh)
+    }
+
+    fn welded(&self) -> Result<TetMesh> {
         match (&self.file, &self.generate) {
             (Some(file), None) if io::kind(file)? == Kind::Mesh => io::read(file),
             (Some(_), None) => self.made(),

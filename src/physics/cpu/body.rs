@@ -8,13 +8,17 @@ use super::newton::Minimiser;
 use super::order::Lumps;
 use super::pool::Plan;
 use super::real::Real;
+use super::rigid::RigidBodies;
+use super::rigid_layout::{Layout, steps_rigid};
 use super::rules::Rule;
 use super::springs::Springs;
 use super::terms::Term;
+use super::tied::Tied;
 use super::vectors::{V4, of_metres, to_metres, zero};
 use crate::physics::{ConjugateGradients, SolverKind, SpringNetwork, Units};
 use crate::{Error, Result};
 use glam::DVec3;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Groups of nodes over the root of their number. The groups' rigid motions are the coarse space:
@@ -29,7 +33,7 @@ const GROUPS: f64 = 3.0;
 pub struct CpuBody<T: Real> {
     pub(super) kind: SolverKind,
     pub(super) units: Units,
-    /// Rest positions in the network's order, m.
+    /// Rest positions in the network's order, m; then those of the carriers of rigid bodies.
     pub(super) rest: Vec<DVec3>,
     /// The network's number of the k-th node, and the engine's of each of the network's.
     pub(super) order: Vec<u32>,
@@ -129,9 +133,26 @@ impl<T: Real> CpuBody<T> {
             )));
         }
         let units = Units::of(network);
-        let groups = GROUPS * (nodes as f64).sqrt();
-        let most = (nodes as f64 / groups).ceil() as usize;
-        let Lumps { order, starts } = Lumps::new(&network.rest, most);
+        let most = |nodes: usize| {
+            let groups = GROUPS * (nodes as f64).sqrt();
+            (nodes as f64 / groups).ceil() as usize
+        };
+        let real = nodes;
+        let laid = match elements.rigid.is_empty() {
+            true => None,
+            false => {
+                steps_rigid(kind)?;
+                Some(Layout::new(network, &units, most)?)
+            }
+        };
+        let (network, lumps, rigid) = match laid {
+            None => (Cow::Borrowed(network), None, RigidBodies::default()),
+            Some(laid) => (Cow::Owned(laid.network), Some(laid.lumps), laid.rigid),
+        };
+        let network = network.as_ref();
+        let (nodes, elements) = (network.rest.len(), &network.elements);
+        let lumps = lumps.unwrap_or_else(|| Lumps::new(&network.rest, most(nodes)));
+        let Lumps { order, starts } = lumps;
         let mut place = vec![0u32; nodes];
         for (k, v) in order.iter().enumerate() {
             place[*v as usize] = k as u32;
@@ -164,7 +185,9 @@ impl<T: Real> CpuBody<T> {
                 SolverKind::Midpoint => Rule::Midpoint,
                 _ => Rule::Euler,
             };
-            Minimiser::new(&plan, (newton, rule), damped * units.time)
+            let mut minimiser = Minimiser::new(&plan, (newton, rule), damped * units.time);
+            minimiser.rigid = rigid;
+            minimiser
         });
         let seen = match kind {
             SolverKind::VelocityVerlet => nodes,
@@ -174,8 +197,12 @@ impl<T: Real> CpuBody<T> {
             u: vec![zero(); nodes],
             v: vec![zero(); nodes],
             seen: vec![zero(); seen],
-            f: vec![zero(); nodes],
+            f: vec![zero(); plan.nodes()],
         };
+        let mut implicit = implicit.then(|| Implicit::new(&plan, settings));
+        if let (Some(implicit), Some(newton)) = (&mut implicit, &newton) {
+            implicit.solver.tied = Tied::new(&plan, &newton.rigid);
+        }
         let mut body = CpuBody {
             kind,
             units,
@@ -190,16 +217,16 @@ impl<T: Real> CpuBody<T> {
                 .collect(),
             inverse: vec![T::ZERO; nodes],
             free: vec![T::ZERO; nodes],
-            pinned: vec![false; nodes],
+            pinned: vec![false; real],
             attachments: Vec::new(),
             gravity: DVec3::ZERO,
-            external: vec![DVec3::ZERO; nodes],
+            external: vec![DVec3::ZERO; real],
             loads: Loads::none(nodes),
             terms,
             newton,
             now: motion(),
             next: motion(),
-            implicit: implicit.then(|| Implicit::new(&plan, settings)),
+            implicit,
             guard: Guard::default(),
             start: Start::Restart,
             lag: 0.0,
@@ -219,7 +246,7 @@ impl<T: Real> CpuBody<T> {
 
     /// Number of nodes.
     pub fn node_count(&self) -> usize {
-        self.rest.len()
+        self.pinned.len()
     }
 
     /// In how many chunks its nodes are shared out.
@@ -267,7 +294,15 @@ impl<T: Real> CpuBody<T> {
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.check_vectors("forces", forces)?;
         self.external.copy_from_slice(forces);
-        self.loads.set_forces(forces, &self.order, &self.units);
+        match &self.newton {
+            Some(newton) if !newton.rigid.is_empty() => {
+                let mut all = forces.to_vec();
+                all.resize(self.rest.len(), DVec3::ZERO);
+                newton.rigid.hand_over(&mut all, &self.order);
+                self.loads.set_forces(&all, &self.order, &self.units);
+            }
+            _ => self.loads.set_forces(forces, &self.order, &self.units),
+        }
         self.changed(Start::Resume);
         Ok(())
     }
@@ -284,6 +319,9 @@ impl<T: Real> CpuBody<T> {
         self.attachments.extend_from_slice(attachments);
         let (place, rest, units) = (&self.place, &self.rest, &self.units);
         self.loads.set_draws(attachments, place, rest, units);
+        if let Some(newton) = &mut self.newton {
+            newton.rigid.set_draws(attachments, place, units);
+        }
         if !same_nodes {
             self.free_nodes();
         }
@@ -295,8 +333,18 @@ impl<T: Real> CpuBody<T> {
                 self.now.v[k] = zero();
             }
         }
+        self.follow_holds();
         self.changed(Start::Restart);
         Ok(())
+    }
+
+    /// Which nodes stay, of the network.
+    pub(super) fn staying(&self) -> Vec<bool> {
+        let mut stays = self.pinned.clone();
+        for v in held(&self.attachments) {
+            stays[v as usize] = true;
+        }
+        stays
     }
 
     fn held(&self) -> impl Iterator<Item = u32> {
@@ -305,21 +353,20 @@ impl<T: Real> CpuBody<T> {
 
     /// Takes note of which nodes stay.
     fn free_nodes(&mut self) {
-        let mut stays = self.pinned.clone();
-        for v in held(&self.attachments) {
-            stays[v as usize] = true;
-        }
+        let stays = self.staying();
         for (k, v) in self.order.iter().enumerate() {
             let m = self.masses[k];
             // A massless node has no equation of motion: it stays.
             let over = T::ONE / m;
-            let free = !stays[*v as usize] && m > T::ZERO && over.wide().is_finite();
+            let stay = stays.get(*v as usize).is_some_and(|stays| *stays);
+            let free = !stay && m > T::ZERO && over.wide().is_finite();
             self.inverse[k] = if free { over } else { T::ZERO };
             self.free[k] = if free { T::ONE } else { T::ZERO };
             if !free {
                 self.now.v[k] = zero();
             }
         }
+        self.free_bodies(&stays);
         if let Some(implicit) = &mut self.implicit {
             implicit.forget_coarse();
             implicit.forget_solutions();
@@ -333,14 +380,17 @@ impl<T: Real> CpuBody<T> {
     /// Positions, m from the frame's origin.
     pub fn positions(&self) -> Vec<DVec3> {
         let nodes = self.rest.iter().zip(&self.place);
-        nodes
+        let mut positions: Vec<DVec3> = nodes
+            .take(self.node_count())
             .map(|(x, k)| *x + to_metres(self.now.u[*k as usize], self.units.length))
-            .collect()
+            .collect();
+        self.show_bodies(&mut positions);
+        positions
     }
 
     /// Velocities, m/s. Of Verlet, which has no other: the mean over the last step.
     pub fn velocities(&self) -> Vec<DVec3> {
-        let places = self.place.iter();
+        let places = self.place.iter().take(self.node_count());
         places
             .map(|k| to_metres(self.now.v[*k as usize], self.units.velocity()))
             .collect()
@@ -357,12 +407,17 @@ impl<T: Real> CpuBody<T> {
         let units = self.units;
         for (k, v) in self.order.iter().enumerate() {
             let v = *v as usize;
-            self.now.u[k] = of_metres(positions[v] - self.rest[v], units.length);
+            // What is no node of the network is one of a rigid body's own.
+            let Some(position) = positions.get(v) else {
+                continue;
+            };
+            self.now.u[k] = of_metres(*position - self.rest[v], units.length);
             self.now.v[k] = match self.free[k] > T::ZERO {
                 true => of_metres(velocities[v], units.velocity()),
                 false => zero(),
             };
         }
+        self.fit_bodies(positions, velocities);
         self.changed(Start::Restart);
         Ok(())
     }

@@ -12,6 +12,7 @@ use super::terms::{At, Share, Term};
 use super::vectors::{Columns, V4, scale, sub, total, zero};
 use crate::physics::{Element, Law, SpringNetwork, Units};
 use glam::{DMat3, DVec3};
+use std::ops::Range;
 
 /// Tets of a chunk, four at a time.
 #[derive(Clone, Debug, Default)]
@@ -335,6 +336,17 @@ impl<T: Real> Term<T> for Tets<T> {
     fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for chunk in &self.chunks {
             chunk.rows.pairs(visit);
+        }
+    }
+
+    fn pairs_within(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        let inside = nodes.end as u32;
+        for chunk in &self.chunks {
+            chunk.rows.pairs_of(nodes.clone(), &mut |[i, j], m| {
+                if j < inside {
+                    visit([i, j], m);
+                }
+            });
         }
     }
 }

@@ -5,6 +5,7 @@ mod block_rows;
 mod body;
 mod cg;
 mod cholesky;
+mod closest_rotation;
 mod coarse;
 mod element_batches;
 mod element_kernels;
@@ -37,6 +38,12 @@ mod pose;
 mod potential;
 mod preconditioner;
 mod real;
+mod rigid;
+mod rigid_body;
+mod rigid_layout;
+mod rigid_midpoint;
+#[cfg(test)]
+mod rigid_tests;
 mod rules;
 mod sending;
 mod simulator;
@@ -48,6 +55,7 @@ mod sum;
 mod terms;
 #[cfg(test)]
 mod tests;
+mod tied;
 mod vectors;
 mod worker;
 

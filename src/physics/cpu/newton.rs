@@ -17,9 +17,10 @@ use super::loads::Loads;
 use super::pool::{Nodes, Plan};
 use super::potential::Trial;
 use super::real::Real;
+use super::rigid::{Pose, RigidBodies};
 use super::rules::{Form, Rule};
 use super::terms::{At, Term};
-use super::vectors::{V4, add_scaled, apply, scale, sub, weight, zero};
+use super::vectors::{V4, add, add_scaled, apply, scale, sub, weight, zero};
 use crate::physics;
 
 /// Solves for which blocks are projected once exact ones failed.
@@ -48,6 +49,8 @@ pub struct Minimiser<T> {
     /// What damping is taken at.
     pub(super) lagged: Vec<V4<T>>,
     pub(super) forces: Vec<V4<T>>,
+    /// What of the body is rigid.
+    pub(super) rigid: RigidBodies,
 }
 
 /// What a step starts from besides the state.
@@ -91,6 +94,7 @@ impl<T: Real> Minimiser<T> {
             trial: Trial::new(nodes),
             lagged: Vec::new(),
             forces: vec![zero(); nodes],
+            rigid: RigidBodies::default(),
         }
     }
 
@@ -118,7 +122,13 @@ impl<T: Real> Minimiser<T> {
         self.lag(scene, terms, form);
         let known = &implicit.solver.known;
         let history = (implicit.solver.count == 2).then_some(known);
-        self.guesses.prepare(scene, outside, history, form);
+        self.rigid.midpoint = self.rule == Rule::Midpoint;
+        if outside.last == 0.0 {
+            self.rigid.restart();
+        }
+        self.rigid.draw();
+        let rigid = &self.rigid;
+        self.guesses.prepare(scene, outside, history, form, rigid);
         if !self.start(scene, terms, form) {
             return None;
         }
@@ -173,7 +183,10 @@ impl<T: Real> Minimiser<T> {
         (h, last): (f64, f64),
         next: (&mut [V4<T>], &mut [V4<T>]),
     ) {
-        let stride = T::of(self.form(implicit, h, last).stride);
+        let form = self.form(implicit, h, last);
+        let stride = T::of(form.stride);
+        let (u, v) = next;
+        let next = (&mut *u, &mut *v);
         let Trial { delta, speed, .. } = &mut self.best;
         let data = (Nodes(next.0), Nodes(next.1), Nodes(delta), Nodes(speed));
         scene.plan.each(data, &|_, nodes, (u, v, by, faster)| {
@@ -188,6 +201,15 @@ impl<T: Real> Minimiser<T> {
             }
             []
         });
+        let rigid = &mut self.rigid;
+        if rigid.midpoint {
+            rigid.reflect(form.gamma, scene.at.v, v);
+        } else {
+            for b in 0..rigid.bodies.len() {
+                rigid.carry(b, false, v);
+            }
+        }
+        rigid.put(&rigid.best, u);
     }
 
     /// Keeps the changes of velocity and displacement of the step that was finished.
@@ -196,6 +218,7 @@ impl<T: Real> Minimiser<T> {
         std::mem::swap(change, &mut self.best.speed);
         std::mem::swap(moved, &mut self.best.delta);
         implicit.solver.count = 2;
+        self.rigid.keep();
     }
 
     fn weigh_masses(&mut self, scene: &Scene<'_, T>, gamma: f64) {
@@ -233,7 +256,11 @@ impl<T: Real> Minimiser<T> {
             }
             let (guesses, trial) = (&self.guesses, &mut self.trial);
             let at = |i: usize| guesses.at(guess, scene, i);
-            trial.put(scene, guesses, (form, self.mass_damping), at);
+            match guess {
+                Guess::Still => self.rigid.stay(),
+                _ => self.rigid.guess(at),
+            }
+            trial.put(scene, guesses, (form, self.mass_damping), &self.rigid, at);
             // E is hardly ever negative: one that is too far off already is not looked at.
             if found && trial.inertia >= self.best.total() {
                 continue;
@@ -242,6 +269,7 @@ impl<T: Real> Minimiser<T> {
             let total = trial.total();
             if total.is_finite() && (!found || total < self.best.total()) {
                 std::mem::swap(&mut self.best, &mut self.trial);
+                self.rigid.accept();
                 found = true;
             }
         }
@@ -260,9 +288,12 @@ impl<T: Real> Minimiser<T> {
         let square = T::of(form.gamma * form.gamma);
         let heavier = T::of(self.mass_damping * form.gamma);
         let (best, guesses, lagged) = (&self.best, &self.guesses, &self.lagged);
-        let inverses = &implicit.solver.inverse;
-        let data = (Nodes(&mut implicit.solver.residual), ());
+        let solver = &mut implicit.solver;
+        solver.tied.pose(&self.rigid, &self.rigid.best);
+        let (inverses, tied) = (&solver.inverse, &solver.tied);
+        let data = (Nodes(&mut solver.residual), ());
         let [pull, push] = scene.plan.each(data, &|chunk, nodes, (b, ())| {
+            let start = nodes.start;
             b.0.fill(zero());
             for term in terms {
                 term.elastic(chunk, &best.place, b.0);
@@ -284,6 +315,18 @@ impl<T: Real> Minimiser<T> {
                 let off = scale(m, sub(best.delta[i], guesses.goal(i)));
                 let drag = scale(heavier * m, sub(best.delta[i], guesses.base(i)));
                 b.0[n] = scale(free, sub(sub(scale(square, b.0[n]), off), drag));
+            }
+            for body in tied.bodies_of(scene.plan, chunk) {
+                let first = body.nodes().start;
+                let goal = |i: usize| scale(scene.masses[i], guesses.goal(i));
+                let inertia = |i: usize| {
+                    let off = sub(best.delta[i], guesses.goal(i));
+                    let drag = scale(heavier, sub(best.delta[i], guesses.base(i)));
+                    scale(scene.masses[i], add(off, drag))
+                };
+                let force = |n: usize| add(b.0[first + n - start], inertia(first + n));
+                pull += body.weigh(&body.restrict(force));
+                push += body.weigh(&body.restrict(|n| goal(first + n)));
             }
             [pull, push]
         });
@@ -316,6 +359,7 @@ impl<T: Real> Minimiser<T> {
                 v: &self.best.speed,
             };
             implicit.linearise(&heavier, terms, at, gamma);
+            implicit.refresh_tied(terms, gamma);
             let (start, weight, definite) = implicit.precondition(&heavier);
             let floor = weight * T::NEGLIGIBLE * T::NEGLIGIBLE;
             if definite && start <= floor {
@@ -325,6 +369,9 @@ impl<T: Real> Minimiser<T> {
                 if implicit.refresh(&heavier, terms, &self.best.place, gamma) {
                     implicit.basis.projected = projected;
                     implicit.basis.lagged.clone_from(&self.lagged);
+                    implicit.basis.poses.clear();
+                    let poses = self.rigid.best.iter().map(Pose::numbers);
+                    implicit.basis.poses.extend(poses);
                 }
                 let matrix = Matrix {
                     plan: scene.plan,
@@ -383,6 +430,8 @@ impl<T: Real> Minimiser<T> {
             masses: &self.masses,
             ..*scene
         };
+        let poses: Vec<Pose> = basis.poses.iter().map(|p| Pose::of_numbers(*p)).collect();
+        implicit.solver.tied.pose(&self.rigid, &poses);
         implicit.resume(&heavier, terms, basis);
     }
 }

@@ -4,6 +4,7 @@ use super::guesses::Guesses;
 use super::implicit::Scene;
 use super::pool::Nodes;
 use super::real::Real;
+use super::rigid::RigidBodies;
 use super::rules::Form;
 use super::terms::{At, Term};
 use super::vectors::{V4, add, scale, sub, zero};
@@ -48,12 +49,14 @@ impl<T: Real> Trial<T> {
         T::ROUNDING * (self.inertia.abs() + self.elastic.abs() + self.loss.abs())
     }
 
-    /// Puts the nodes that are free at δ = `at`, those that are not at 0, and weighs their inertia.
+    /// Puts the nodes that are free at δ = `at`, those that are not at 0, those of rigid bodies as
+    /// their last trial says, and weighs their inertia.
     pub fn put(
         &mut self,
         scene: &Scene<'_, T>,
         guesses: &Guesses<T>,
         (form, mass_damping): (Form, f64),
+        rigid: &RigidBodies,
         at: impl Fn(usize) -> V4<T> + Sync,
     ) {
         let over = T::of(1.0 / form.gamma);
@@ -66,7 +69,10 @@ impl<T: Real> Trial<T> {
             let (mut inertia, mut drag) = (0.0, 0.0);
             for (n, i) in nodes.enumerate() {
                 let free = scene.free[i];
-                let d = scale(free, at(i));
+                let d = match i >= rigid.first {
+                    true => rigid.change(i),
+                    false => scale(free, at(i)),
+                };
                 delta.0[n] = d;
                 place.0[n] = add(scene.at.u[i], d);
                 let w = scale(free * over, sub(d, guesses.base(i)));

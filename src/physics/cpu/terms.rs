@@ -4,6 +4,7 @@ use super::pool::Plan;
 use super::real::Real;
 use super::vectors::{Symmetric, V4};
 use glam::DMat3;
+use std::ops::Range;
 
 /// The state that forces are taken at, in local units and the engine's order.
 #[derive(Clone, Copy, Debug)]
@@ -73,4 +74,13 @@ pub trait Term<T: Real>: Send + Sync {
     /// Tells every block A_ij with i < j, as last linearised, once or in parts: what a coarse
     /// space is built from. The blocks on the diagonal are those of [`Share::diagonal`].
     fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3));
+
+    /// [`Term::pairs`] of which both nodes are among these, which are all in one chunk.
+    fn pairs_within(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        self.pairs(&mut |pair, m| {
+            if pair.iter().all(|i| nodes.contains(&(*i as usize))) {
+                visit(pair, m);
+            }
+        });
+    }
 }

@@ -16,6 +16,7 @@ mod grabs;
 mod grids;
 mod integrators;
 mod invariance;
+mod rigid;
 mod simulators;
 mod steps;
 mod together;
