@@ -1,7 +1,7 @@
 //! The flags every picture needs, laid over a scene's values.
 
 use clap::Args;
-use palpate::physics::{EngineChoice, MaterialModel};
+use palpate::physics::{EngineChoice, MaterialModel, VolumeModel};
 use palpate::render::Light;
 use palpate::scene::{Scene, Unit};
 use std::path::{Path, PathBuf};
@@ -90,6 +90,10 @@ pub struct SceneFlags {
     /// Poisson's ratio of neo-hookean and corotated [default: 0.4]; springs have 1/4
     #[arg(long, help_heading = "Physics")]
     pub poisson: Option<f64>,
+    /// What neo-hookean and corotated measure changes of volume on: per-tet, or averaged, which
+    /// does not lock where Poisson's ratio nears 1/2 [default: per-tet]
+    #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
+    pub volume: Option<VolumeModel>,
     /// Density in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -178,6 +182,7 @@ impl SceneFlags {
             over(given.material, &mut material.model);
             over(given.young, &mut material.young);
             over(given.poisson, &mut material.poisson);
+            over(given.volume, &mut material.volume);
             over(given.density, &mut material.density);
             if given.damping.is_some() {
                 (material.damping_ratio, material.damping_hz) = (None, None);

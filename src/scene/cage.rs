@@ -5,7 +5,7 @@ use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork};
+use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork, VolumeModel};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -83,6 +83,7 @@ impl Scene {
         }
         let springs = Material {
             model: MaterialModel::Springs,
+            volume: VolumeModel::default(),
             ..material.clone()
         };
         let material = &springs;

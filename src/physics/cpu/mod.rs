@@ -13,6 +13,9 @@ mod element_svd;
 mod element_term;
 #[cfg(test)]
 mod element_tests;
+#[cfg(test)]
+mod element_volume_tests;
+mod element_volumes;
 mod explicit;
 mod grid;
 mod guard;
