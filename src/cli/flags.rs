@@ -19,7 +19,8 @@ pub struct SceneFlags {
     /// Picture size in pixels, WIDTHxHEIGHT [default: 1024x768]
     #[arg(long, help_heading = "Picture", value_parser = size)]
     pub size: Option<[u32; 2]>,
-    /// composite, thickness (length inside the mesh; EXR) or surface
+    /// composite, thickness (length inside the mesh; EXR), mip, minip or mean (the largest, least or
+    /// mean scalar on each ray, grey), or surface
     #[arg(long, help_heading = "Picture")]
     pub mode: Option<String>,
     /// How rays go from tet to tet: vertices or planes
@@ -95,6 +96,24 @@ pub struct SceneFlags {
     /// Damping κ_d of every spring, in N·s/m
     #[arg(long, help_heading = "Physics")]
     pub damping: Option<f64>,
+    /// Damping ratio of neo-hookean and corotated at the frequency of --damping-hz; 1 just does not
+    /// swing
+    #[arg(
+        long,
+        value_name = "ZETA",
+        help_heading = "Physics",
+        requires = "damping_hz",
+        conflicts_with = "damping"
+    )]
+    pub damping_ratio: Option<f64>,
+    /// Frequency in Hz at which the body has its --damping-ratio
+    #[arg(
+        long,
+        value_name = "HZ",
+        help_heading = "Physics",
+        requires = "damping_ratio"
+    )]
+    pub damping_hz: Option<f64>,
     /// What one unit of the mesh file is: m, cm, mm, um, in, or metres as a number
     #[arg(long, help_heading = "Physics", value_parser = unit)]
     pub unit: Option<Unit>,
@@ -160,7 +179,15 @@ impl SceneFlags {
             over(given.young, &mut material.young);
             over(given.poisson, &mut material.poisson);
             over(given.density, &mut material.density);
+            if given.damping.is_some() {
+                (material.damping_ratio, material.damping_hz) = (None, None);
+            }
+            if given.damping_ratio.is_some() {
+                material.damping = None;
+            }
             over(given.damping, &mut material.damping);
+            over(given.damping_ratio, &mut material.damping_ratio);
+            over(given.damping_hz, &mut material.damping_hz);
         }
         for mesh in scene.body.iter_mut().map(|body| &mut body.mesh) {
             over(given.unit.clone(), &mut mesh.unit);

@@ -302,6 +302,12 @@ impl Body {
         &self.velocities
     }
 
+    /// The masses on the GPU, in the mean mass: rg32float, mass and inverse mass, the latter 0 for
+    /// nodes that stay.
+    pub fn mass_array(&self) -> &Array {
+        &self.masses
+    }
+
     /// Positions in file units, read back.
     ///
     /// # Errors

@@ -102,6 +102,8 @@ pub struct Material {
     /// Damping in proportion to stiffness, in seconds: adds `damping_time · κ` to each spring's
     /// κ_d, which damps meshes of any size and fineness alike.
     pub damping_time: f64,
+    /// α of Rayleigh damping, 1/s, of elements: a force −α m v on every node.
+    pub mass_damping: f64,
     /// What is damped.
     pub damping_kind: Damping,
     /// A cell field whose values are labels of regions; see [`Material::regions`].
@@ -142,6 +144,7 @@ impl Material {
             density: 1000.0,
             damping: 0.0,
             damping_time: 0.0,
+            mass_damping: 0.0,
             damping_kind: Damping::default(),
             region_field: None,
             regions: BTreeMap::new(),
@@ -204,6 +207,19 @@ impl Material {
         }
     }
 
+    /// This material, of elements, so damped that a swing of `frequency` (Hz) has the damping ratio
+    /// `ratio` (1 just does not swing): Rayleigh's α = ζω and β = ζ/ω, ω = 2π times the frequency.
+    /// Slower and faster swings are damped more, ζ/2 (ω/ω' + ω'/ω) at ω'.
+    pub fn damped(self, ratio: f64, frequency: f64) -> Material {
+        let omega = std::f64::consts::TAU * frequency;
+        Material {
+            damping: 0.0,
+            mass_damping: ratio * omega,
+            damping_time: ratio / omega,
+            ..self
+        }
+    }
+
     /// Refuses numbers that make no sense.
     pub(crate) fn check(&self) -> Result<()> {
         let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = self.stiffness;
@@ -212,6 +228,7 @@ impl Material {
             ("density", self.density, self.density > 0.0),
             ("damping", self.damping, self.damping >= 0.0),
             ("damping time", self.damping_time, self.damping_time >= 0.0),
+            ("mass damping", self.mass_damping, self.mass_damping >= 0.0),
             ("length unit", self.length_unit, self.length_unit > 0.0),
         ];
         let uniform = matches!(self.stiffness, Stiffness::Uniform(_));
@@ -221,7 +238,20 @@ impl Material {
                 self.model
             )));
         }
-        if !self.rigid.is_empty() && self.model == MaterialModel::Springs {
+        let springs = self.model == MaterialModel::Springs;
+        if springs && self.mass_damping != 0.0 {
+            return Err(Error::Input(format!(
+                "material: a damping of the mass, {} 1/s, is for elements and not for springs; take neo-hookean or corotated",
+                self.mass_damping
+            )));
+        }
+        if !springs && self.damping != 0.0 {
+            return Err(Error::Input(format!(
+                "material: a damping of {} N·s/m is one of every spring, and {} elements have none; give a damping ratio at a frequency, or a damping time",
+                self.damping, self.model
+            )));
+        }
+        if springs && !self.rigid.is_empty() {
             return Err(Error::Input(
                 "material: springs have no rigid regions; take neo-hookean or corotated elements"
                     .into(),

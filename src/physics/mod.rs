@@ -24,6 +24,7 @@ mod guard;
 mod hold;
 mod implicit_euler;
 mod implicit_start;
+pub mod integrator;
 mod kind;
 mod lanczos;
 mod loads;

@@ -221,7 +221,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             law,
             tets: tets.into_par_iter().filter_map(element).collect(),
             rigid: rigid_bodies(self.mesh, |t| self.rigid_label(t)),
-            mass_damping: 0.0,
+            mass_damping: self.material.mass_damping,
         }
     }
 

@@ -52,7 +52,8 @@ struct Frame {
     walks: HashMap<(Gathered, bool), Walks>,
     /// The occluder that the walks were prepared with.
     occluder: Option<wgpu::TextureView>,
-    resolves: HashMap<(wgpu::TextureFormat, bool), Draw>,
+    /// By format, whether blended over what is there, and whether the mean is shown.
+    resolves: HashMap<(wgpu::TextureFormat, bool, bool), Draw>,
 }
 
 impl Raycaster {
@@ -204,8 +205,8 @@ impl Raycaster {
         let (pixels, layers) = self.gather(camera, size, mode.into())?;
         self.check_layers(layers)?;
         let (channels, values) = match mode {
-            Mode::Composite => (4, pixels.into_iter().flatten().collect()),
             Mode::Thickness => (1, pixels.into_iter().map(|p| p[0]).collect()),
+            _ => (4, pixels.into_iter().flatten().collect()),
         };
         Ok(Image {
             size,
@@ -265,7 +266,7 @@ impl Raycaster {
         window: Window,
     ) -> Result<()> {
         camera.check()?;
-        let view = self.view(camera, window);
+        let view = self.view_of(camera, window, gathered);
         self.table.fill(&self.gpu)?;
         if self.options.walk == Walk::Planes {
             self.geometry.record_refresh(work);
@@ -319,11 +320,17 @@ impl Raycaster {
             let report = gathered == Gathered::Statistics;
             frame.peel.record(work, walks, view, report)?;
         }
-        self.resolve(work, frame, target)
+        self.resolve(work, frame, target, gathered == Gathered::Mean)
     }
 
     /// Brings the sum of the last layer that ran into the target.
-    fn resolve(&self, work: &mut Recorder, frame: &mut Frame, target: &Target) -> Result<()> {
+    fn resolve(
+        &self,
+        work: &mut Recorder,
+        frame: &mut Frame,
+        target: &Target,
+        mean: bool,
+    ) -> Result<()> {
         let params = gpu_data::Resolve {
             background: target.background.unwrap_or_default(),
             layers: frame.peel.layers,
@@ -331,13 +338,14 @@ impl Raycaster {
         };
         let format = target.colour.texture().format();
         let blend = target.background.is_none();
-        let key = (format, blend);
+        let key = (format, blend, mean);
         if !frame.resolves.contains_key(&key) {
             let peel = &frame.peel;
             let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
             let draw = self
                 .gpu
                 .draw("render/resolve")
+                .constant("MEAN", f64::from(u8::from(mean)))
                 .read(&peel.sums[0])
                 .read(&peel.sums[1])
                 .read(&peel.arguments[0])
@@ -368,11 +376,6 @@ impl Raycaster {
         occluder: Option<&wgpu::TextureView>,
     ) -> Result<Walks> {
         let flag = |on: bool| f64::from(u8::from(on));
-        let mode = match gathered {
-            Gathered::Composite => 0.0,
-            Gathered::Thickness => 1.0,
-            Gathered::Statistics => 2.0,
-        };
         let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
             let sum = &peel.sums[1 - writes];
             let opaque = occluder.unwrap_or(&self.nothing_opaque);
@@ -399,7 +402,7 @@ impl Raycaster {
                 .read(gradients)
                 .constant("LIT", flag(lit))
                 .constant("CELLS", flag(geometry.per_cell))
-                .constant("MODE", mode)
+                .constant("MODE", gathered.code())
                 .constant("TABLE", self.options.table.code())
                 .constant("SAMPLES", self.options.table.samples())
                 .constant("OPAQUE", self.options.opaque)
@@ -424,6 +427,19 @@ impl Raycaster {
                 draw(&peel.keys[1], 1, false)?,
             ],
         })
+    }
+
+    /// As [`Raycaster::view`], of a picture of `gathered`.
+    fn view_of(&self, camera: &Camera, window: Window, gathered: Gathered) -> View {
+        let view = self.view(camera, window);
+        if !gathered.is_projection() {
+            return view;
+        }
+        // Scalars are shares of the range already, and no table is looked up.
+        View {
+            scalar: [1.0, 0.0],
+            ..view
+        }
     }
 
     pub(super) fn view(&self, camera: &Camera, window: Window) -> View {

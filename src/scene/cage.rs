@@ -124,7 +124,7 @@ impl Scene {
             }
             None => {
                 let mut network = cage.network.clone();
-                if self.material.damping.is_none() && !kind.is_implicit() {
+                if !self.material.says_damping() && !kind.is_implicit() {
                     network.damping_time = 0.0;
                     if let Some((damping, said)) = damping_to_bear(&network, kind) {
                         network.damping_time = damping;

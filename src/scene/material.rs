@@ -43,6 +43,10 @@ pub struct MaterialEntry {
     pub density: Option<f64>,
     /// Damping κ_d of each spring, in N·s/m.
     pub damping: Option<f64>,
+    /// Damping ratio ζ of a swing of `damping_hz`, of elements; see [`Material::damped`].
+    pub damping_ratio: Option<f64>,
+    /// The frequency at which the body has its `damping_ratio`, Hz.
+    pub damping_hz: Option<f64>,
     /// `axial` or `relative` (the paper's).
     pub damping_kind: Option<String>,
     /// Tissues are made at most this many times stiffer than the softest: implicit steps take
@@ -112,6 +116,8 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                         "stiffness_field" => entry.stiffness_field = Some(map.next_value()?),
                         "density" => entry.density = Some(map.next_value()?),
                         "damping" => entry.damping = Some(map.next_value()?),
+                        "damping_ratio" => entry.damping_ratio = Some(map.next_value()?),
+                        "damping_hz" => entry.damping_hz = Some(map.next_value()?),
                         "damping_kind" => entry.damping_kind = map.next_value_seed(Kind)?,
                         "contrast" => entry.contrast = Some(map.next_value()?),
                         _ => {
@@ -220,6 +226,9 @@ impl MaterialEntry {
             material.damping = damping;
             material.damping_time = 0.0;
         }
+        if let Some((ratio, frequency)) = self.ratio()? {
+            material = material.damped(ratio, frequency);
+        }
         material.damping_kind = match self.damping_kind.as_deref() {
             None => Damping::default(),
             Some("axial") => Damping::Axial,
@@ -230,6 +239,38 @@ impl MaterialEntry {
         };
         let notes = self.add_tissues(mesh, &mut material)?;
         Ok((material, notes))
+    }
+
+    /// Whether damping is said, in whatever way.
+    pub(super) fn says_damping(&self) -> bool {
+        self.damping.is_some() || self.damping_ratio.is_some()
+    }
+
+    /// The damping ratio, and the frequency that has it.
+    fn ratio(&self) -> Result<Option<(f64, f64)>> {
+        let wrong = |why: String| Err(Error::Input(why));
+        let (ratio, frequency) = match (self.damping_ratio, self.damping_hz) {
+            (None, None) => return Ok(None),
+            (Some(ratio), Some(frequency)) => (ratio, frequency),
+            _ => {
+                return wrong("the material has one of `damping_ratio` and `damping_hz`: a damping ratio holds at one frequency; give both, such as damping_ratio = 0.05 and damping_hz = 2".into());
+            }
+        };
+        if self.damping.is_some() {
+            return wrong(
+                "the material has both `damping` and `damping_ratio`; give one of them".into(),
+            );
+        }
+        if self.model.unwrap_or_default() == MaterialModel::Springs {
+            return wrong("a damping ratio is for elements: give model = \"neo-hookean\" (or --material neo-hookean), or `damping` for springs".into());
+        }
+        let sound = ratio >= 0.0 && ratio.is_finite() && frequency > 0.0 && frequency.is_finite();
+        match sound {
+            true => Ok(Some((ratio, frequency))),
+            false => wrong(format!(
+                "a damping ratio of {ratio} at {frequency} Hz makes no sense; give a ratio from 0 on and a positive frequency"
+            )),
+        }
     }
 
     fn add_tissues(&self, mesh: &TetMesh, material: &mut Material) -> Result<Vec<String>> {

@@ -112,6 +112,9 @@ impl Scene {
         match self.picture.mode.as_deref() {
             None | Some("composite") => Ok(DisplayMode::Inside(Mode::Composite)),
             Some("thickness") => Ok(DisplayMode::Inside(Mode::Thickness)),
+            Some("mip") => Ok(DisplayMode::Inside(Mode::Maximum)),
+            Some("minip") => Ok(DisplayMode::Inside(Mode::Minimum)),
+            Some("mean") => Ok(DisplayMode::Inside(Mode::Mean)),
             Some("surface") => Ok(DisplayMode::Surface),
             Some("skin") if self.skin.is_empty() => Err(Error::Input(
                 "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),

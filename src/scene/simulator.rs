@@ -187,7 +187,7 @@ impl Scene {
         mut material: Material,
         notes: &mut Vec<String>,
     ) -> Result<Setup> {
-        if self.material.damping.is_none() && !kind.is_implicit() {
+        if !self.material.says_damping() && !kind.is_implicit() {
             material.damping_time = 0.0;
             if let Some((damping, said)) =
                 damping_to_bear(&SpringNetwork::new(&mesh, &material)?, kind)

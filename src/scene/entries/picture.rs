@@ -54,7 +54,8 @@ pub struct PictureEntry {
     pub transfer: Option<String>,
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// `composite`, `thickness`, `surface`, or `skin`: the skins alone, without the inside.
+    /// `composite`, `thickness`, `mip`, `minip` or `mean` (the largest, least or mean scalar on each
+    /// ray, grey), `surface`, or `skin`: the skins alone, without the inside.
     #[serde(default, deserialize_with = "words::mode")]
     pub mode: Option<String>,
     /// `vertices` or `planes`.
