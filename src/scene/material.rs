@@ -23,6 +23,9 @@ use std::fmt;
 ///
 /// [material.cartilage]               # every region with "cartilage" in its name
 /// young = 1e6                        # in place of the published value
+///
+/// [material.marrow]
+/// rigid = true                       # of elements: all that touches moves as one body
 /// ```
 ///
 /// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.

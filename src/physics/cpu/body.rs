@@ -8,8 +8,7 @@ use super::newton::Minimiser;
 use super::order::Lumps;
 use super::pool::Plan;
 use super::real::Real;
-use super::rigid::RigidBodies;
-use super::rigid_layout::{Layout, steps_rigid};
+use super::rigid_layout::laid_out;
 use super::rules::Rule;
 use super::springs::Springs;
 use super::terms::Term;
@@ -18,7 +17,6 @@ use super::vectors::{V4, of_metres, to_metres, zero};
 use crate::physics::{ConjugateGradients, SolverKind, SpringNetwork, Units};
 use crate::{Error, Result};
 use glam::DVec3;
-use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Groups of nodes over the root of their number. The groups' rigid motions are the coarse space:
@@ -138,20 +136,9 @@ impl<T: Real> CpuBody<T> {
             (nodes as f64 / groups).ceil() as usize
         };
         let real = nodes;
-        let laid = match elements.rigid.is_empty() {
-            true => None,
-            false => {
-                steps_rigid(kind)?;
-                Some(Layout::new(network, &units, most)?)
-            }
-        };
-        let (network, lumps, rigid) = match laid {
-            None => (Cow::Borrowed(network), None, RigidBodies::default()),
-            Some(laid) => (Cow::Owned(laid.network), Some(laid.lumps), laid.rigid),
-        };
+        let (network, lumps, rigid) = laid_out(network, kind, &units, most)?;
         let network = network.as_ref();
         let (nodes, elements) = (network.rest.len(), &network.elements);
-        let lumps = lumps.unwrap_or_else(|| Lumps::new(&network.rest, most(nodes)));
         let Lumps { order, starts } = lumps;
         let mut place = vec![0u32; nodes];
         for (k, v) in order.iter().enumerate() {

@@ -4,7 +4,8 @@ use super::implicit::Scene;
 use super::newton::Outside;
 use super::pool::Nodes;
 use super::real::Real;
-use super::rigid::{RigidBodies, narrow};
+use super::rigid::RigidBodies;
+use super::rigid_pose::narrow;
 use super::rules::Form;
 use super::vectors::{V4, add, add_scaled, scale, sub, zero};
 

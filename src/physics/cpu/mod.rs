@@ -25,6 +25,7 @@ mod lanes;
 mod line_search;
 mod loads;
 mod newton;
+mod newton_residual;
 mod newton_step;
 #[cfg(test)]
 mod newton_tests;
@@ -44,7 +45,9 @@ mod real;
 mod rigid;
 mod rigid_body;
 mod rigid_layout;
+mod rigid_loads;
 mod rigid_midpoint;
+mod rigid_pose;
 #[cfg(test)]
 mod rigid_tests;
 mod rules;

@@ -37,7 +37,7 @@ impl<T: Real> CpuBody<T> {
         if let Some(newton) = &mut self.newton {
             let poses = displacements[slots..].as_chunks::<3>().0;
             for (pose, [[a, b, c], [x, y, z], [w, ..]]) in newton.rigid.now.iter_mut().zip(poses) {
-                *pose = super::rigid::Pose::of_numbers([*a, *b, *c, *x, *y, *z, *w]);
+                *pose = super::rigid_pose::Pose::of_numbers([*a, *b, *c, *x, *y, *z, *w]);
             }
         }
         self.changed(Start::Restart);

@@ -10,150 +10,16 @@
 //! Poses are kept in f64, and every node's displacement is rounded from them: nothing adds up.
 
 use super::closest_rotation::closest_rotation;
-use super::loads::Attachment;
 use super::real::Real;
-use super::vectors::{V4, zero};
-use crate::physics::Units;
+use super::rigid_loads::InnerDraw;
+use super::rigid_pose::{
+    CARRIERS, CORNERS, Freedom, Pose, Rigid, inertia_of, narrow, outer, turned_by, wide,
+};
+use super::vectors::V4;
 use glam::{DMat3, DQuat, DVec3};
-use std::ops::Range;
-
-/// Carriers of a body.
-pub(super) const CARRIERS: usize = 4;
-
-/// Where they are: the corners of a regular tet.
-const CORNERS: [DVec3; CARRIERS] = [
-    DVec3::new(1.0, 1.0, 1.0),
-    DVec3::new(1.0, -1.0, -1.0),
-    DVec3::new(-1.0, 1.0, -1.0),
-    DVec3::new(-1.0, -1.0, 1.0),
-];
 
 /// Points nearer to each other than this part of a body are one, and hold it so.
 const NEAR: f64 = 1e-6;
-
-/// How a body can move.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Freedom {
-    /// As it likes.
-    Free,
-    /// About a point that stays, given from the centre at rest; if about an axis only, that.
-    Turns(DVec3, Option<DVec3>),
-    /// Not at all: three nodes that are not in a line are pinned or held.
-    Fixed,
-}
-
-/// Where a body is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pose {
-    /// How far its centre is from where it rests.
-    pub shift: DVec3,
-    /// How it is turned.
-    pub turn: DQuat,
-}
-
-impl Pose {
-    const REST: Pose = Pose {
-        shift: DVec3::ZERO,
-        turn: DQuat::IDENTITY,
-    };
-
-    /// As numbers, to the bit.
-    pub fn numbers(&self) -> [f64; 7] {
-        let ([a, b, c], [x, y, z, w]) = (self.shift.to_array(), self.turn.to_array());
-        [a, b, c, x, y, z, w]
-    }
-
-    /// What [`Pose::numbers`] gave.
-    pub fn of_numbers([a, b, c, x, y, z, w]: [f64; 7]) -> Pose {
-        Pose {
-            shift: DVec3::new(a, b, c),
-            turn: DQuat::from_array([x, y, z, w]),
-        }
-    }
-}
-
-/// A body. Lengths and masses in local units.
-#[derive(Clone, Debug)]
-pub(super) struct Rigid {
-    /// Its nodes in the plan: those of the surface, then the carriers.
-    pub nodes: Range<usize>,
-    /// Its nodes inside, beyond the plan.
-    pub inner: Range<usize>,
-    /// Its centre of mass at rest.
-    pub centre: DVec3,
-    pub mass: f64,
-    /// A, and A⁻¹.
-    pub spread: DMat3,
-    pub gather: DMat3,
-    pub freedom: Freedom,
-}
-
-impl Rigid {
-    /// What lengths are measured by: the radius of gyration.
-    pub fn radius(&self) -> f64 {
-        let a = self.spread;
-        (a.x_axis.length_squared() + a.y_axis.length_squared() + a.z_axis.length_squared()).sqrt()
-    }
-
-    /// The carriers' slots.
-    pub fn carriers(&self) -> Range<usize> {
-        self.nodes.end - CARRIERS..self.nodes.end
-    }
-
-    /// The point it turns about, from its centre at rest; and which turns it makes in `pose`.
-    pub fn pivot(&self, pose: &Pose) -> (DVec3, DMat3) {
-        match self.freedom {
-            Freedom::Free => (DVec3::ZERO, DMat3::IDENTITY),
-            Freedom::Turns(at, None) => (at, DMat3::IDENTITY),
-            Freedom::Turns(at, Some(axis)) => (at, outer(pose.turn * axis, pose.turn * axis)),
-            Freedom::Fixed => (DVec3::ZERO, DMat3::ZERO),
-        }
-    }
-
-    /// The pose after a turn by the rotation vector `by` about its pivot and a shift.
-    fn moved(&self, from: &Pose, shift: DVec3, by: DVec3) -> Pose {
-        let (pivot, _) = self.pivot(from);
-        let turn = (DQuat::from_scaled_axis(by) * from.turn).normalize();
-        Pose {
-            shift: from.shift + shift + (from.turn * pivot - turn * pivot),
-            turn,
-        }
-    }
-
-    /// The pose that brings its carriers nearest to `targets`, of those that it can be in.
-    fn nearest(&self, from: &Pose, targets: [DVec3; CARRIERS]) -> Pose {
-        let arms = CORNERS.map(|t| self.spread * t);
-        let (pivot, within) = self.pivot(from);
-        let (at, free) = match self.freedom {
-            Freedom::Fixed => return *from,
-            Freedom::Free => (targets.iter().sum::<DVec3>() / CARRIERS as f64, true),
-            Freedom::Turns(..) => (self.centre + from.shift + from.turn * pivot, false),
-        };
-        let mut m = DMat3::ZERO;
-        for (x, r) in targets.iter().zip(arms) {
-            m += outer(*x - at, r - pivot);
-        }
-        let turn = closest_rotation(&m, from.turn, within);
-        Pose {
-            shift: match free {
-                true => at - self.centre,
-                false => from.shift + (from.turn * pivot - turn * pivot),
-            },
-            turn,
-        }
-    }
-}
-
-/// A spring to a target at a node inside a body: which body and node, the target, stiffness and
-/// limit, local units.
-#[derive(Clone, Copy, Debug)]
-struct InnerDraw {
-    body: usize,
-    node: usize,
-    target: DVec3,
-    stiffness: f64,
-    limit: f64,
-}
 
 /// The rigid bodies of a body, whose nodes are the last of its plan and what lies beyond it.
 #[derive(Clone, Debug)]
@@ -180,9 +46,9 @@ pub(super) struct RigidBodies {
     pub torques: Vec<DVec3>,
     /// Whether steps are those of that rule.
     pub midpoint: bool,
-    draws: Vec<InnerDraw>,
+    pub(super) draws: Vec<InnerDraw>,
     /// The forces of these on the carriers.
-    drawn: Vec<[DVec3; CARRIERS]>,
+    pub(super) drawn: Vec<[DVec3; CARRIERS]>,
 }
 
 impl Default for RigidBodies {
@@ -462,135 +328,4 @@ impl RigidBodies {
             turn,
         };
     }
-
-    /// Sets the springs to targets at nodes inside. `place` gives slots.
-    pub fn set_draws(&mut self, attachments: &[Attachment], place: &[u32], units: &Units) {
-        self.draws.clear();
-        self.drawn.fill([DVec3::ZERO; CARRIERS]);
-        for a in attachments {
-            let Attachment::Pull {
-                node,
-                target,
-                stiffness,
-                limit,
-            } = *a
-            else {
-                continue;
-            };
-            let slot = place[node as usize] as usize;
-            if let Some(body) = self.of(slot)
-                && self.bodies[body].inner.contains(&slot)
-            {
-                self.draws.push(InnerDraw {
-                    body,
-                    node: slot,
-                    target: target / units.length,
-                    stiffness: stiffness / units.stiffness(),
-                    limit: limit / units.force(),
-                });
-            }
-        }
-    }
-
-    /// Reckons what these pull with now.
-    pub fn draw(&mut self) {
-        if self.draws.is_empty() {
-            return;
-        }
-        self.drawn.fill([DVec3::ZERO; CARRIERS]);
-        for d in &self.draws {
-            let (body, pose) = (&self.bodies[d.body], &self.now[d.body]);
-            let r = self.arms[d.node - self.first];
-            let x = body.centre + pose.shift + pose.turn * r;
-            let pull = ((d.target - x) * d.stiffness).clamp_length_max(d.limit);
-            let shares = shares(body, pull, outer(pull, r));
-            for (f, share) in self.drawn[d.body].iter_mut().zip(shares) {
-                *f += share;
-            }
-        }
-    }
-
-    /// Hands forces on the nodes inside, in the order of the network, to the carriers, which come
-    /// last: forces that do not turn with the body. `order` is the network's number of every slot.
-    pub fn hand_over(&self, forces: &mut [DVec3], order: &[u32]) {
-        for body in &self.bodies {
-            let (mut sum, mut moment) = (DVec3::ZERO, DMat3::ZERO);
-            for i in body.inner.clone() {
-                let f = std::mem::take(&mut forces[order[i] as usize]);
-                sum += f;
-                moment += outer(f, self.arms[i - self.first]);
-            }
-            for (i, share) in body.carriers().zip(shares(body, sum, moment)) {
-                forces[order[i] as usize] = share;
-            }
-        }
-    }
-
-    /// Hands the forces on the nodes of a body's surface, and those of springs inside, to its
-    /// carriers: `f` is that of a chunk that begins with node `start`.
-    pub fn load<T: Real>(&self, b: usize, start: usize, f: &mut [V4<T>]) {
-        let body = &self.bodies[b];
-        let (mut sum, mut moment) = (DVec3::ZERO, DMat3::ZERO);
-        for i in body.nodes.start..body.nodes.end - CARRIERS {
-            let force = &mut f[i - start];
-            if force[..3].iter().any(|x| *x != T::ZERO) {
-                let one = wide(*force);
-                sum += one;
-                moment += outer(one, self.arms[i - self.first]);
-                *force = zero();
-            }
-        }
-        let shares = shares(body, sum, moment);
-        for ((i, share), drawn) in body.carriers().zip(shares).zip(self.drawn[b]) {
-            let own = wide(f[i - start]);
-            f[i - start] = narrow(own + share + drawn);
-        }
-    }
-}
-
-/// What a force, and the sum of f rᵀ with it, are on the carriers: the same of any affine motion.
-pub(super) fn shares(body: &Rigid, sum: DVec3, moment: DMat3) -> [DVec3; CARRIERS] {
-    let turned = moment * body.gather.transpose();
-    CORNERS.map(|t| (sum + turned * t) / CARRIERS as f64)
-}
-
-/// The carriers of a body of `mass` whose sum of m r rᵀ is `second`: where they are from its
-/// centre, and A. `None` where it is flat.
-pub(super) fn carriers(mass: f64, second: &DMat3) -> Option<([DVec3; CARRIERS], DMat3)> {
-    let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| second.col(j)[i]));
-    let (values, vectors) = crate::physics::elements::eigen(rows);
-    let largest = values.iter().fold(0.0f64, |a, b| a.max(*b));
-    let sound = mass > 0.0 && mass.is_finite() && largest > 0.0 && largest.is_finite();
-    if !sound || values.iter().any(|v| *v < 1e-10 * largest) {
-        return None;
-    }
-    let columns: [DVec3; 3] =
-        std::array::from_fn(|k| DVec3::from(vectors[k]) * (values[k] / mass).sqrt());
-    let spread = DMat3::from_cols(columns[0], columns[1], columns[2]);
-    Some((CORNERS.map(|t| spread * t), spread))
-}
-
-/// a bᵀ.
-pub(super) fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
-}
-
-/// |a|² I − a aᵀ.
-pub(super) fn inertia_of(a: DVec3) -> DMat3 {
-    DMat3::from_diagonal(DVec3::splat(a.length_squared())) - outer(a, a)
-}
-
-/// The turn that `moment` gives what has this inertia, of the turns that there are.
-pub(super) fn turned_by(inertia: DMat3, moment: DVec3, within: DMat3) -> DVec3 {
-    let trace = inertia.x_axis.x + inertia.y_axis.y + inertia.z_axis.z;
-    let whole = within * inertia * within + (DMat3::IDENTITY - within) * trace;
-    within * (whole.inverse() * (within * moment))
-}
-
-pub(super) fn wide<T: Real>(v: V4<T>) -> DVec3 {
-    DVec3::new(v[0].wide(), v[1].wide(), v[2].wide())
-}
-
-pub(super) fn narrow<T: Real>(v: DVec3) -> V4<T> {
-    [T::of(v.x), T::of(v.y), T::of(v.z), T::ZERO]
 }

@@ -2,7 +2,7 @@
 
 use super::body::CpuBody;
 use super::real::Real;
-use super::rigid::Freedom;
+use super::rigid_pose::{CARRIERS, Freedom};
 use super::vectors::zero;
 use crate::physics::cpu::loads::Attachment;
 use glam::DVec3;
@@ -24,7 +24,7 @@ impl<T: Real> CpuBody<T> {
             rigid.hold(b, held.into_iter());
             let body = &rigid.bodies[b];
             let free = body.freedom != Freedom::Fixed;
-            let share = T::ONE / T::of(body.mass / super::rigid::CARRIERS as f64);
+            let share = T::ONE / T::of(body.mass / CARRIERS as f64);
             for i in body.nodes.clone() {
                 self.free[i] = if free { T::ONE } else { T::ZERO };
                 let carries = free && body.carriers().contains(&i);

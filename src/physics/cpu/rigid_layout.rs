@@ -2,16 +2,18 @@
 //! body as a group of its own, and beyond the plan what lies inside these.
 
 use super::order::Lumps;
-use super::rigid::{CARRIERS, Rigid, RigidBodies, carriers, outer};
+use super::rigid::RigidBodies;
+use super::rigid_pose::{CARRIERS, Freedom, Rigid, carriers, outer};
 use crate::physics::{RigidBody, SolverKind, SpringNetwork, Units};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
+use std::borrow::Cow;
 
 /// Refuses schemes that step no rigid bodies.
 ///
 /// # Errors
 /// [`Error::Input`].
-pub(super) fn steps_rigid(kind: SolverKind) -> Result<()> {
+fn steps_rigid(kind: SolverKind) -> Result<()> {
     match kind {
         SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => Ok(()),
         _ => Err(Error::Input(format!(
@@ -20,12 +22,36 @@ pub(super) fn steps_rigid(kind: SolverKind) -> Result<()> {
     }
 }
 
+/// The network that the engine keeps of `network`, the order of its nodes, and what of it is rigid;
+/// `most` as for [`Layout::new`].
+///
+/// # Errors
+/// As [`Layout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
+pub(super) fn laid_out<'a>(
+    network: &'a SpringNetwork,
+    kind: SolverKind,
+    units: &Units,
+    most: impl Fn(usize) -> usize,
+) -> Result<(Cow<'a, SpringNetwork>, Lumps, RigidBodies)> {
+    if network.elements.rigid.is_empty() {
+        let lumps = Lumps::new(&network.rest, most(network.rest.len()));
+        return Ok((Cow::Borrowed(network), lumps, RigidBodies::default()));
+    }
+    steps_rigid(kind)?;
+    let Layout {
+        network,
+        lumps,
+        rigid,
+    } = Layout::new(network, units, most)?;
+    Ok((Cow::Owned(network), lumps, rigid))
+}
+
 /// A network with carriers for nodes, and the order of all of its nodes.
-pub(super) struct Layout {
+struct Layout {
     /// The carriers come last, four a body; they have the mass of its nodes, which have none.
-    pub network: SpringNetwork,
-    pub lumps: Lumps,
-    pub rigid: RigidBodies,
+    network: SpringNetwork,
+    lumps: Lumps,
+    rigid: RigidBodies,
 }
 
 impl Layout {
@@ -34,7 +60,7 @@ impl Layout {
     ///
     /// # Errors
     /// [`Error::Input`] for a body without mass, a flat one, or of nodes that are not there.
-    pub fn new(
+    fn new(
         network: &SpringNetwork,
         units: &Units,
         most: impl Fn(usize) -> usize,
@@ -117,7 +143,7 @@ impl Layout {
                 mass: one.mass,
                 spread: one.spread,
                 gather: one.spread.inverse(),
-                freedom: super::rigid::Freedom::Free,
+                freedom: Freedom::Free,
             });
         }
         for (body, rigid) in bodies.iter().zip(&mut rigid) {

@@ -11,7 +11,8 @@
 //! γ (I(R₊)⁻¹ ℓ₀ − φ₊/γ).
 
 use super::real::Real;
-use super::rigid::{CARRIERS, Freedom, Pose, RigidBodies, inertia_of, narrow, turned_by};
+use super::rigid::RigidBodies;
+use super::rigid_pose::{CARRIERS, Freedom, Pose, inertia_of, narrow, turned_by};
 use super::vectors::V4;
 use glam::{DMat3, DQuat, DVec3};
 

@@ -259,7 +259,7 @@ fn rules_of_second_order_are_that_with_bones() {
 #[test]
 fn the_potential_is_least_among_rigid_motions() {
     // A step's end is a stationary point of Φ over poses and soft nodes: differences of Φ by each.
-    use super::rigid::Pose;
+    use super::rigid_pose::Pose;
     let bone = |p: DVec3| p.x > 0.4 && p.x < 0.8;
     let damping = 5e-3;
     let network = bar([5, 2, 2], bone, None, damping);

@@ -8,7 +8,7 @@ use super::body::{CpuBody, Start};
 use super::guard::Guard;
 use super::implicit::{Basis, Scene};
 use super::real::Real;
-use super::rigid::Pose;
+use super::rigid_pose::Pose;
 use super::terms::At;
 use super::vectors::V4;
 use crate::{Error, Result};

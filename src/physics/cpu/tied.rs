@@ -9,7 +9,8 @@ use super::cholesky::{Block, N, V8, inverse_factor};
 use super::coarse::{moved, project};
 use super::pool::Plan;
 use super::real::Real;
-use super::rigid::{Freedom, Pose, RigidBodies};
+use super::rigid::RigidBodies;
+use super::rigid_pose::{Freedom, Pose, Rigid};
 use super::terms::Term;
 use super::vectors::{Symmetric, V4, add, zero};
 use glam::{DMat3, DQuat, DVec3};
@@ -60,7 +61,7 @@ impl<T: Real> Tied<T> {
         if rigid.is_empty() {
             return Tied::none();
         }
-        let body = |b: &super::rigid::Rigid| Body {
+        let body = |b: &Rigid| Body {
             nodes: b.nodes.clone(),
             arms: vec![zero(); b.nodes.len()],
             within: DMat3::ZERO,
