@@ -21,7 +21,7 @@ use super::rigid::RigidBodies;
 use super::rigid_pose::Pose;
 use super::rules::{Form, Rule};
 use super::terms::{At, Term};
-use super::vectors::{V4, add, add_scaled, apply, scale, sub, weight, zero};
+use super::vectors::{V4, add_scaled, scale, sub, zero};
 use crate::physics;
 
 /// Solves for which blocks are projected once exact ones failed.

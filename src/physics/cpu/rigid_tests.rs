@@ -542,6 +542,31 @@ fn without_rigid_regions_great_contrasts_converge() {
 }
 
 #[test]
+fn a_bone_comes_to_rest_on_a_floor() {
+    use super::node_terms::NodeTerms;
+    use crate::physics::{Floor, NodeTerm};
+    let network = bar([4, 3, 3], |_| true, None, 0.0);
+    let rigid = &network.elements.rigid[0];
+    assert!(rigid.surface.len() < rigid.nodes.len());
+    let floor = Floor::new(DVec3::new(0.0, 0.0, -0.13), DVec3::Z, 200.0).unwrap();
+    let floor = std::sync::Arc::new(floor);
+    let mut body = body::<f32>(&network, SolverKind::Implicit, Newton::default());
+    let term = NodeTerms::new(floor.clone(), &network, body.sharing());
+    body.add_term(Box::new(term));
+    body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
+    body.run(300, 0.01).unwrap();
+    let x = body.positions();
+    let held: f64 = rigid
+        .surface
+        .iter()
+        .map(|v| floor.force(network.masses[*v as usize], x[*v as usize]).z)
+        .sum();
+    let weight: f64 = network.masses.iter().map(|m| m * 9.81).sum();
+    println!("the floor holds {held} N of {weight} N");
+    assert!((held / weight - 1.0).abs() < 1e-3);
+}
+
+#[test]
 fn what_cannot_be_is_refused() {
     let network = bar([4, 2, 2], |p| p.x > 0.5, None, 0.0);
     for kind in [SolverKind::Verlet, SolverKind::Symplectic] {

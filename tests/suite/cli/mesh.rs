@@ -53,7 +53,7 @@ fn regions_are_parted() {
         let mesh = folder.join(name);
         let knee = shipped("knee.nrrd");
         let all = ["mesh", &knee, "--labels", "all", "--tets", "6000", "--out"];
-        let output = palpate(&[&all, &[text(&mesh)], part].concat());
+        let output = palpate(&[&all[..], &[text(&mesh)], part].concat());
         (output, mesh)
     };
     let (output, whole) = made("whole.vtu", &[]);

@@ -61,7 +61,9 @@ fn a_bone_that_is_cut_through_is_two() {
     let (gpu, (mesh, material)) = (gpu(), bar());
     let how = (SolverKind::Implicit, ConjugateGradients::default());
     let mut body = CpuTets::<f32>::new(&gpu, mesh, &material, how.0, how.1).unwrap();
-    body.pin(|p| p.x < 1e-6).unwrap();
+    let end = |v: &u32| body.mesh().nodes[*v as usize].x < 1e-6;
+    let end: Vec<u32> = (0..body.mesh().nodes.len() as u32).filter(end).collect();
+    body.pin_nodes(&end).unwrap();
     body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
     body.run(5, 0.01).unwrap();
     let momentum = |body: &CpuTets<f32>| -> DVec3 {
