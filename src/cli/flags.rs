@@ -10,9 +10,14 @@ use std::str::FromStr;
 /// Flags of `render` and `simulate`; each overrides what a scene file says.
 #[derive(Args, Clone, Debug, Default)]
 pub struct SceneFlags {
-    /// Field to see; default: the regions, the first scalar, or the depth below the surface
+    /// Field to see; default: the regions, the first scalar, or the depth below the surface. Of a
+    /// body that moves also displacement, von_mises, stress_1, stress_2, stress_3, strain, J,
+    /// energy_density
     #[arg(long, help_heading = "Picture")]
     pub field: Option<String>,
+    /// Smallest and largest value of the field, LOW,HIGH, which stand for what is beyond them
+    #[arg(long, help_heading = "Picture", value_parser = pair, allow_hyphen_values = true)]
+    pub range: Option<Pair>,
     /// Transfer function: a JSON file or a preset (an unknown name lists them)
     #[arg(long, help_heading = "Picture")]
     pub transfer: Option<String>,
@@ -64,6 +69,15 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Camera")]
     pub orthographic: Option<f64>,
 
+    /// Fields computed of the body that are written with its meshes, in tets: those of --field, with
+    /// commas between; von_mises@nodes for the means around each node
+    #[arg(
+        long,
+        value_name = "FIELDS",
+        help_heading = "Physics",
+        value_delimiter = ','
+    )]
+    pub write_fields: Vec<String>,
     /// explicit, symplectic, verlet, velocity-verlet or implicit; of elements also bdf2 and midpoint,
     /// of second order at large steps; default: the mesh stays at rest
     #[arg(long, help_heading = "Physics")]
@@ -150,6 +164,10 @@ impl SceneFlags {
         put(given.up.map(|t| t.0), &mut scene.camera.up);
         put(given.gravity.map(|t| t.0), &mut scene.solver.gravity);
         over(given.field, &mut scene.picture.field);
+        over(given.range.map(|r| r.0), &mut scene.picture.range);
+        if !given.write_fields.is_empty() {
+            scene.output.fields = given.write_fields;
+        }
         over(given.transfer, &mut scene.picture.transfer);
         over(given.size, &mut scene.picture.size);
         over(given.mode, &mut scene.picture.mode);
@@ -209,6 +227,18 @@ impl SceneFlags {
 fn over<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
+    }
+}
+
+/// Two numbers separated by a comma, the smaller first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair(pub [f64; 2]);
+
+fn pair(text: &str) -> Result<Pair, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.ok().map(<[f64; 2]>::try_from) {
+        Some(Ok([low, high])) if low < high && (high - low).is_finite() => Ok(Pair([low, high])),
+        _ => Err("two numbers LOW,HIGH are expected, the smaller first".into()),
     }
 }
 

@@ -179,6 +179,20 @@ impl Elements {
         .collect()
     }
 
+    /// Of every tet with the nodes at `x` (m) the energy of the volumes that it shares, over its own
+    /// volume at rest, J/m³.
+    pub fn shared_densities(&self, x: &[DVec3]) -> Vec<f64> {
+        let cells = self.cells();
+        let changes = self.changes(&cells, x);
+        let each = self.tets.iter().enumerate();
+        each.map(|(t, tet)| {
+            let corners = cells.of_tet.get(t).into_iter().flatten();
+            let squares = corners.map(|c| changes.get(*c as usize).map_or(0.0, |j| j * j));
+            0.125 * self.averaged(tet) * squares.sum::<f64>()
+        })
+        .collect()
+    }
+
     /// Energy with the nodes at `x` (m from the frame's origin), J.
     pub fn energy(&self, x: &[DVec3]) -> f64 {
         let own = |e: &Element| self.own(e).energy(self.law, &e.corners(x));

@@ -193,15 +193,20 @@ impl Element {
     /// As [`Element::forces`] where `pressure` (Pa, positive where it pulls) is added to that of
     /// the law.
     pub(crate) fn forces_under(&self, law: Law, corners: &[DVec3; 4], pressure: f64) -> [DVec3; 4] {
-        let f = self.deformation(corners);
-        let [mu, lambda] = self.lame;
-        let (j, c) = (f.determinant(), cofactor(&f));
-        let pressure = pressure + lambda * (j - 1.0);
-        let stress = match law {
-            Law::NeoHookean => f * mu + c * (pressure - mu),
-            Law::Corotated => (f - polar(&f).0) * (2.0 * mu) + c * pressure,
-        };
+        let stress = self.stress(law, &self.deformation(corners), pressure);
         self.gradients().map(|g| stress * g * -self.volume)
+    }
+
+    /// The first Piola–Kirchhoff stress P = ∂Ψ/∂F at F = `f`, Pa, where `pressure` (Pa, positive
+    /// where it pulls) is added to that of the law.
+    pub fn stress(&self, law: Law, f: &DMat3, pressure: f64) -> DMat3 {
+        let [mu, lambda] = self.lame;
+        let (j, c) = (f.determinant(), cofactor(f));
+        let pressure = pressure + lambda * (j - 1.0);
+        match law {
+            Law::NeoHookean => *f * mu + c * (pressure - mu),
+            Law::Corotated => (*f - polar(f).0) * (2.0 * mu) + c * pressure,
+        }
     }
 
     /// The second derivatives of the energy by nodes a and b at `[a][b]`, N/m, exactly.

@@ -1,6 +1,7 @@
 //! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
 
 use super::Scene;
+use super::acting::Actors;
 use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
@@ -156,6 +157,8 @@ impl Scene {
             cage: Some(report),
             grid,
             reach: pull.reach,
+            pins: Vec::new(),
+            actors: Actors::default(),
         })
     }
 
