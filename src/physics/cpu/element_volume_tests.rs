@@ -4,7 +4,6 @@
 use super::body::CpuBody;
 use super::element_tests::bar;
 use super::real::Real;
-use super::tests::noise;
 use crate::physics::{
     ConjugateGradients, Element, Law, Newton, SolverKind, SpringNetwork, VolumeModel,
 };
@@ -92,6 +91,8 @@ fn f32_and_chunks_step_as_f64_and_one() {
     assert!(worst[0] < 1e-8 && worst[1] < 1e-2, "{worst:?}");
 }
 
+/// From all but random places, from which a body of ν = 0.49 may stay a knot, however its volumes
+/// are kept.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn wrecks_recover() {
@@ -101,13 +102,10 @@ fn wrecks_recover() {
         let mut settled = body::<f64>(&network, 1, Newton::default());
         settled.run(400, 0.01).unwrap();
         let rest = settled.positions();
-        let mut next = noise(3);
-        let mut random = || 0.5 * next();
-        for name in ["scrambled", "flat", "mirrored", "stretched"] {
+        for name in ["flat", "mirrored", "stretched"] {
             let mut body = body::<f32>(&network, 1, Newton::default());
             let pinned = end(&network);
-            let mut ruin = |p: DVec3| match name {
-                "scrambled" => DVec3::new(0.8 * random(), 0.2 * random(), 0.2 * random()),
+            let ruin = |p: DVec3| match name {
                 "flat" => p * DVec3::new(1.0, 1.0, 0.0),
                 "mirrored" => p * DVec3::new(1.0, 1.0, -1.0),
                 _ => p * DVec3::new(3.0, 1.0, 1.0),
