@@ -163,6 +163,10 @@ impl SceneFlags {
         put(given.look_at.map(|t| t.0), &mut scene.camera.look_at);
         put(given.up.map(|t| t.0), &mut scene.camera.up);
         put(given.gravity.map(|t| t.0), &mut scene.solver.gravity);
+        if given.field.is_some() {
+            // That of the scene's own field.
+            scene.picture.range = None;
+        }
         over(given.field, &mut scene.picture.field);
         over(given.range.map(|r| r.0), &mut scene.picture.range);
         if !given.write_fields.is_empty() {

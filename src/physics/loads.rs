@@ -270,19 +270,19 @@ impl Loads {
     /// one that can: [`Simulator::lead`](super::Simulator::lead).
     pub(super) fn lead(&mut self, nodes: &[u32], places: &[DVec3]) -> Result<LedId> {
         let held = self.held();
-        if nodes.is_empty() || nodes.len() != places.len() {
-            return Err(Error::Input(format!(
-                "{} places are given for {} nodes that are to be led",
-                places.len(),
-                nodes.len()
-            )));
-        }
         if let Some(v) = nodes
             .iter()
             .find(|v| held.get(**v as usize) != Some(&false))
         {
             return Err(Error::Input(format!(
                 "node {v} cannot be led along: it is pinned, held or led already, or there are not so many nodes; leave it out of one of them"
+            )));
+        }
+        if nodes.is_empty() || nodes.len() != places.len() {
+            return Err(Error::Input(format!(
+                "{} places are given for {} nodes that are to be led",
+                places.len(),
+                nodes.len()
             )));
         }
         self.led.push(Led {

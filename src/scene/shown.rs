@@ -160,12 +160,25 @@ impl Stage {
     pub fn field_note(&self) -> Option<String> {
         let shown = self.shown.as_ref().filter(|s| s.version.is_some())?;
         let (low, high) = shown.found;
+        let [low, high] = [low, high].map(|x| figures(x, shown.rounding));
         let unit = shown.field.unit();
         let space = if unit.is_empty() { "" } else { " " };
         Some(format!(
-            "{} was {low:.4e} to {high:.4e}{space}{unit}; --range {low:.4e},{high:.4e} draws it in these colours again",
+            "{} was {low} to {high}{space}{unit}; --range {low},{high} draws it in these colours again",
             shown.field
         ))
+    }
+}
+
+/// A number in four figures; 0 where it is but `rounding`.
+fn figures(x: f64, rounding: f64) -> String {
+    match x.abs() {
+        size if size <= rounding => "0".into(),
+        size if (1e-3..1e6).contains(&size) => {
+            let digits = (3.0 - size.log10().floor()).max(0.0) as usize;
+            format!("{x:.digits$}")
+        }
+        _ => format!("{x:.3e}"),
     }
 }
 
@@ -176,4 +189,25 @@ fn range(values: &[f64]) -> (f64, f64) {
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
             (a.min(*v), b.max(*v))
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::figures;
+
+    #[test]
+    fn numbers_have_four_figures() {
+        let cases = [
+            (0.0, "0"),
+            (-3e-9, "0"),
+            (0.012_346, "0.01235"),
+            (-1234.56, "-1235"),
+            (98_765.4, "98765"),
+            (3.25e7, "3.250e7"),
+            (2e-5, "2.000e-5"),
+        ];
+        for (x, expected) in cases {
+            assert_eq!(figures(x, 1e-8), expected);
+        }
+    }
 }

@@ -101,16 +101,15 @@ axis = [0, 0, 2]
         let moved: Vec<f64> = inner.map(|i| (now[i] - rest[i]).z).collect();
         let mean = moved.iter().sum::<f64>() / moved.len() as f64;
         assert!((0.004..0.016).contains(&mean), "{model} {mean}");
-        // At rest the move and the pin bear the weight together.
+        // At rest, where that is reached, the move and the pin bear the weight together.
         run(&mut stage, 60);
         let reactions = stage.reactions().unwrap();
         let names: Vec<&str> = reactions.iter().map(|r| r.0.as_str()).collect();
         assert_eq!(names, ["pin1", "move1"]);
         let sum = reactions[0].1.force + reactions[1].1.force;
-        assert!(
-            (sum.z / -9.81 - 1.0).abs() < 1e-2 && sum.truncate().length() < 0.1,
-            "{sum}"
-        );
+        let off = sum.distance(-9.81 * DVec3::Z) / 9.81;
+        let swings = if solver == "midpoint" { 0.1 } else { 1e-3 };
+        assert!(off < swings, "{model}, {solver}: {sum}");
         assert!(reactions[1].1.force.z < -0.5, "{reactions:?}");
     }
     std::fs::write(folder.join("way.csv"), "time_s,x,y,z\n0.0,0,0\n").unwrap();
@@ -218,9 +217,9 @@ fn a_biceps_shortens_and_thickens_and_lifts_what_hangs_from_it() {
     // The lower tendon has come up.
     let lowest = |nodes: &[DVec3]| nodes.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
     assert!(lowest(&now) > lowest(&rest) + 0.02);
-    // It holds what hangs from it: 10 N and its own weight.
+    // It holds what hangs from it: 2 N and its own weight.
     let body = stage.motion().unwrap().simulator.as_ref();
-    let weight = 10.0 + 9.81 * body.masses().iter().sum::<f64>();
+    let weight = 2.0 + 9.81 * body.masses().iter().sum::<f64>();
     let [(name, origin)] = &stage.reactions().unwrap()[..] else {
         panic!("there is one pin");
     };

@@ -77,9 +77,9 @@ fn filled(step: f64) -> Result<Filling> {
     let inside = |q: DVec3| {
         let p = q * step - corner;
         let [r, slope] = radius(p.z);
-        // About the distance to the side.
-        let side = (r - p.truncate().length()) / (1.0 + slope * slope).sqrt();
-        side.min(HALF - p.z.abs()) / step
+        // About the distance to the side, or to the round end of a tendon.
+        let past = (p.z.abs() - (HALF - TENDON)).max(0.0);
+        (r - p.truncate().length().hypot(past)) / (step * (1.0 + slope * slope).sqrt())
     };
     let mut filled = fill_solid(2.0 * corner / step, 0.0, inside)?;
     filled

@@ -184,6 +184,10 @@ generate = "bar"
 tets = 80
 [material]
 model = "neo-hookean"
+[camera]
+eye = [0.06, -0.5, 0.2]
+look_at = [0.06, 0.03, 0.0]
+up = [0, 0, 1]
 [solver]
 name = "bdf2"
 dt = 0.004
