@@ -61,12 +61,12 @@ fn regions_are_parted() {
     let read = |mesh: &Path| palpate::io::read(mesh).unwrap();
     let whole = read(&whole);
     let names: Vec<&str> = whole.region_names.values().map(String::as_str).collect();
-    let [bone, cartilage] = ["femur bone", "femur cartilage"];
+    let [bone, cartilage] = ["femur bone", "femoral cartilage"];
     assert!(
         names.contains(&bone) && names.contains(&cartilage),
         "{names:?}"
     );
-    let (output, parted) = made("parted.vtu", &["--part", "femur bone:femur cartilage"]);
+    let (output, parted) = made("parted.vtu", &["--part", "femur bone:femoral cartilage"]);
     stdout(&output);
     let parted = read(&parted);
     assert_eq!(parted.tets.len(), whole.tets.len());

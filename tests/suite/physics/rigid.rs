@@ -102,7 +102,7 @@ fn a_bone_that_is_cut_through_is_two() {
 
 #[test]
 fn scenes_name_them() {
-    let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000\n\
+    let text = "[mesh]\ngenerate = \"limb\"\ntets = 3000\n\
         [material]\nmodel = \"neo-hookean\"\nyoung = 1e5\n\
         bone = { rigid = true }\nmarrow = { rigid = true, young = 1e5 }\n\
         [solver]\nname = \"implicit\"\ndt = 0.01\nsteps = 2\n\
@@ -146,11 +146,11 @@ fn scenes_name_them() {
 fn scenes_part_regions() {
     let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000\n";
     let whole = Scene::parse(text).unwrap().mesh.load().unwrap();
-    let parted = format!("{text}part = [[\"bone\", \"MUSCLE\"]]\n");
+    let parted = format!("{text}part = [[\"cortical bone\", \"MUSCLE\"]]\n");
     let parted = Scene::parse(&parted).unwrap().mesh.load().unwrap();
     assert_eq!(parted.tets.len(), whole.tets.len());
     assert!(parted.nodes.len() > whole.nodes.len());
-    let wrong = format!("{text}part = [[\"bone\", \"wood\"]]\n");
+    let wrong = format!("{text}part = [[\"cortical bone\", \"wood\"]]\n");
     let said = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
     assert!(said.to_string().contains("\"wood\"; there are"), "{said}");
 }
