@@ -1,4 +1,4 @@
-// What a walk gathers along its ray: composited colour, length, or counts. Needs `table`,
+// What a walk gathers along its ray: composited colour, length, a scalar, or counts. Needs `table`,
 // `smooth_sampler` and `params: View` of the shader that imports it.
 
 #import lib/shade
@@ -9,6 +9,11 @@ const COMPOSITE: u32 = 0u;
 const THICKNESS: u32 = 1u;
 // Tets passed, whether there were any, and how often the ray begins.
 const STATISTICS: u32 = 2u;
+// The largest scalar, the least, and the mean over the length, grey; of the mean so far red is it
+// and green the length.
+const MAXIMUM: u32 = 3u;
+const MINIMUM: u32 = 4u;
+const MEAN: u32 = 5u;
 
 // The table: 0 = slices of mean colour and mean extinction, 1 = the paper's volume of colour and
 // opacity. Both are layers of one array; depths are lengths times the largest extinction, times
@@ -86,7 +91,25 @@ fn gather(sum: vec4<f32>, part: Segment) -> vec4<f32> {
     if MODE == THICKNESS {
         return vec4(sum.r + part.length, 0.0, 0.0, 0.0);
     }
+    if MODE == MAXIMUM || MODE == MINIMUM || MODE == MEAN {
+        return projected_scalar(sum, part);
+    }
     return vec4(sum.r + 1.0, sum.gba);
+}
+
+// The scalar is linear in a segment: it is largest and least at the ends, and its mean is theirs.
+fn projected_scalar(sum: vec4<f32>, part: Segment) -> vec4<f32> {
+    let s = clamp(part.s, vec2(0.0), vec2(1.0));
+    let first = sum.a == 0.0;
+    if MODE == MAXIMUM {
+        return vec4(vec3(max(max(s.x, s.y), select(sum.r, 0.0, first))), 1.0);
+    }
+    if MODE == MINIMUM {
+        return vec4(vec3(min(min(s.x, s.y), select(sum.r, 1.0, first))), 1.0);
+    }
+    let length = sum.g + part.length;
+    let share = select(0.5, part.length / length, length > 0.0);
+    return vec4(mix(sum.r, 0.5 * (s.x + s.y), select(share, 1.0, first)), length, 0.0, 1.0);
 }
 
 // The same behind what comes: the segment lies in front of everything gathered.

@@ -3,6 +3,9 @@
 
 #import lib/fullscreen
 
+// Whether what was gathered is a mean scalar, and green its length.
+override MEAN: bool = false;
+
 struct Resolve {
     background: vec4<f32>,
     // Peeled layers recorded, and the first pixel of the target.
@@ -47,6 +50,9 @@ fn fragment(corner: Corner) -> @location(0) vec4<f32> {
         sum = textureLoad(odd, pixel, 0);
     } else {
         sum = textureLoad(even, pixel, 0);
+    }
+    if MEAN {
+        sum = vec4(sum.rrr, sum.a);
     }
     return sum + (1.0 - sum.a) * params.background;
 }

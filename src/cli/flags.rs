@@ -10,16 +10,22 @@ use std::str::FromStr;
 /// Flags of `render` and `simulate`; each overrides what a scene file says.
 #[derive(Args, Clone, Debug, Default)]
 pub struct SceneFlags {
-    /// Field to see; default: the regions, the first scalar, or the depth below the surface
+    /// Field to see; default: the regions, the first scalar, or the depth below the surface. Of a
+    /// body that moves also displacement, von_mises, stress_1, stress_2, stress_3, strain, J,
+    /// energy_density
     #[arg(long, help_heading = "Picture")]
     pub field: Option<String>,
+    /// Smallest and largest value of the field, LOW,HIGH, which stand for what is beyond them
+    #[arg(long, help_heading = "Picture", value_parser = pair, allow_hyphen_values = true)]
+    pub range: Option<Pair>,
     /// Transfer function: a JSON file or a preset (an unknown name lists them)
     #[arg(long, help_heading = "Picture")]
     pub transfer: Option<String>,
     /// Picture size in pixels, WIDTHxHEIGHT [default: 1024x768]
     #[arg(long, help_heading = "Picture", value_parser = size)]
     pub size: Option<[u32; 2]>,
-    /// composite, thickness (length inside the mesh; EXR) or surface
+    /// composite, thickness (length inside the mesh; EXR), mip, minip or mean (the largest, least or
+    /// mean scalar on each ray, grey), or surface
     #[arg(long, help_heading = "Picture")]
     pub mode: Option<String>,
     /// How rays go from tet to tet: vertices or planes
@@ -63,6 +69,15 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Camera")]
     pub orthographic: Option<f64>,
 
+    /// Fields computed of the body that are written with its meshes, in tets: those of --field, with
+    /// commas between; von_mises@nodes for the means around each node
+    #[arg(
+        long,
+        value_name = "FIELDS",
+        help_heading = "Physics",
+        value_delimiter = ','
+    )]
+    pub write_fields: Vec<String>,
     /// explicit, symplectic, verlet, velocity-verlet or implicit; of elements also bdf2 and midpoint,
     /// of second order at large steps; default: the mesh stays at rest
     #[arg(long, help_heading = "Physics")]
@@ -99,6 +114,24 @@ pub struct SceneFlags {
     /// Damping κ_d of every spring, in N·s/m
     #[arg(long, help_heading = "Physics")]
     pub damping: Option<f64>,
+    /// Damping ratio of neo-hookean and corotated at the frequency of --damping-hz; 1 just does not
+    /// swing
+    #[arg(
+        long,
+        value_name = "ZETA",
+        help_heading = "Physics",
+        requires = "damping_hz",
+        conflicts_with = "damping"
+    )]
+    pub damping_ratio: Option<f64>,
+    /// Frequency in Hz at which the body has its --damping-ratio
+    #[arg(
+        long,
+        value_name = "HZ",
+        help_heading = "Physics",
+        requires = "damping_ratio"
+    )]
+    pub damping_hz: Option<f64>,
     /// What one unit of the mesh file is: m, cm, mm, um, in, or metres as a number
     #[arg(long, help_heading = "Physics", value_parser = unit)]
     pub unit: Option<Unit>,
@@ -130,7 +163,15 @@ impl SceneFlags {
         put(given.look_at.map(|t| t.0), &mut scene.camera.look_at);
         put(given.up.map(|t| t.0), &mut scene.camera.up);
         put(given.gravity.map(|t| t.0), &mut scene.solver.gravity);
+        if given.field.is_some() {
+            // That of the scene's own field.
+            scene.picture.range = None;
+        }
         over(given.field, &mut scene.picture.field);
+        over(given.range.map(|r| r.0), &mut scene.picture.range);
+        if !given.write_fields.is_empty() {
+            scene.output.fields = given.write_fields;
+        }
         over(given.transfer, &mut scene.picture.transfer);
         over(given.size, &mut scene.picture.size);
         over(given.mode, &mut scene.picture.mode);
@@ -165,7 +206,15 @@ impl SceneFlags {
             over(given.poisson, &mut material.poisson);
             over(given.volume, &mut material.volume);
             over(given.density, &mut material.density);
+            if given.damping.is_some() {
+                (material.damping_ratio, material.damping_hz) = (None, None);
+            }
+            if given.damping_ratio.is_some() {
+                material.damping = None;
+            }
             over(given.damping, &mut material.damping);
+            over(given.damping_ratio, &mut material.damping_ratio);
+            over(given.damping_hz, &mut material.damping_hz);
         }
         for mesh in scene.body.iter_mut().map(|body| &mut body.mesh) {
             over(given.unit.clone(), &mut mesh.unit);
@@ -182,6 +231,18 @@ impl SceneFlags {
 fn over<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
+    }
+}
+
+/// Two numbers separated by a comma, the smaller first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair(pub [f64; 2]);
+
+fn pair(text: &str) -> Result<Pair, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.ok().map(<[f64; 2]>::try_from) {
+        Some(Ok([low, high])) if low < high && (high - low).is_finite() => Ok(Pair([low, high])),
+        _ => Err("two numbers LOW,HIGH are expected, the smaller first".into()),
     }
 }
 

@@ -48,6 +48,11 @@ pub struct MeshArguments {
     #[arg(long, help_heading = "Regions")]
     min_island: Option<f64>,
 
+    /// Two regions that are parted where they meet, by name or label: each gets nodes of its own
+    /// there. A third that meets both stays with the first. Repeat it for several pairs
+    #[arg(long, help_heading = "Regions", value_name = "FIRST:SECOND", value_parser = pair)]
+    part: Vec<[String; 2]>,
+
     /// Edge length near boundaries: 2mm, or a number in the unit of the input
     #[arg(long, help_heading = "Size", conflicts_with = "tets")]
     edge: Option<Length>,
@@ -86,6 +91,13 @@ fn labels(text: &str) -> Result<Labels, String> {
     }
 }
 
+fn pair(text: &str) -> Result<[String; 2], String> {
+    match text.split_once(':') {
+        Some((a, b)) if !a.is_empty() && !b.is_empty() => Ok([a.to_owned(), b.to_owned()]),
+        _ => Err("two regions are expected, FIRST:SECOND".into()),
+    }
+}
+
 impl MeshArguments {
     fn recipe(&self) -> palpate::Result<Recipe> {
         let unit = match &self.unit {
@@ -121,6 +133,7 @@ impl MeshArguments {
             min_island: self.min_island,
             unit,
             intensities: intensities.collect(),
+            part: self.part.clone(),
             tetgen,
         })
     }

@@ -1,7 +1,79 @@
-//! Reading back, the only way out of the GPU. Every read waits for the device, and is counted.
+//! Reading back, the only way out of the GPU: waiting for the device, which is counted, or asking
+//! now and looking later.
 
 use super::{Array, Gpu};
 use crate::{Error, Result};
+use std::marker::PhantomData;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::{Mutex, PoisonError};
+
+/// Something on its way back from the device; see [`Gpu::ask_array`].
+#[derive(Debug)]
+pub struct Pending<T> {
+    gpu: Gpu,
+    staging: wgpu::Buffer,
+    told: Mutex<Receiver<std::result::Result<(), wgpu::BufferAsyncError>>>,
+    /// Bytes of a row that count, and of a row with its padding.
+    row: usize,
+    padded: usize,
+    /// Items at most.
+    items: usize,
+    kind: PhantomData<T>,
+}
+
+impl<T: bytemuck::Pod> Pending<T> {
+    /// What it is, once it has arrived; none before. Waits for nothing.
+    ///
+    /// # Errors
+    /// [`Error::DeviceLost`] when it will never come; as [`Gpu::check`].
+    pub fn look(&mut self) -> Result<Option<Vec<T>>> {
+        self.gpu.check()?;
+        let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
+        match told.try_recv() {
+            Ok(mapped) => {
+                mapped.map_err(|e| Error::DeviceLost(e.to_string()))?;
+                self.take().map(Some)
+            }
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(Error::DeviceLost(
+                "what was asked back has been taken already, or never came".into(),
+            )),
+        }
+    }
+
+    /// Waits for it.
+    ///
+    /// # Errors
+    /// As [`Gpu::wait`]; [`Error::Gpu`] in a browser, which cannot wait.
+    pub fn wait(mut self) -> Result<Vec<T>> {
+        if cfg!(target_arch = "wasm32") {
+            let why = "a browser cannot wait for what is read back from the device";
+            return Err(Error::Gpu(why.into()));
+        }
+        self.gpu.count_readback();
+        self.gpu.wait()?;
+        let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
+        // Another thread that polls the device may be the one to say so, a moment later.
+        let mapped = told.recv().map_err(|e| Error::DeviceLost(e.to_string()))?;
+        mapped.map_err(|e| Error::DeviceLost(e.to_string()))?;
+        self.take()
+    }
+
+    fn take(&self) -> Result<Vec<T>> {
+        let view = self
+            .staging
+            .slice(..)
+            .get_mapped_range()
+            .map_err(|e| Error::Gpu(e.to_string()))?;
+        let mut items = Vec::with_capacity(self.items);
+        for line in view.chunks_exact(self.padded) {
+            let line = line[..self.row].chunks_exact(size_of::<T>());
+            items.extend(line.map(bytemuck::pod_read_unaligned::<T>));
+        }
+        items.truncate(self.items);
+        Ok(items)
+    }
+}
 
 impl Gpu {
     /// All items of `array`.
@@ -9,6 +81,15 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] when `T` is not an item's size; otherwise as [`Gpu::wait`].
     pub fn read_array<T: bytemuck::Pod>(&self, array: &Array) -> Result<Vec<T>> {
+        self.ask_array(array)?.wait()
+    }
+
+    /// As [`Gpu::read_array`] without waiting: what the array holds after all that was submitted
+    /// so far, to be looked at with [`Pending::look`] when it has arrived.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when `T` is not an item's size, or what the device refuses.
+    pub fn ask_array<T: bytemuck::Pod>(&self, array: &Array) -> Result<Pending<T>> {
         if size_of::<T>() != array.texel().bytes() as usize {
             return Err(Error::Gpu(format!(
                 "items of {} bytes asked of an array of {:?}",
@@ -16,9 +97,7 @@ impl Gpu {
                 array.texel()
             )));
         }
-        let mut items: Vec<T> = self.read_rows(array.texture(), array.rows())?;
-        items.truncate(array.len() as usize);
-        Ok(items)
+        self.ask_rows(array.texture(), array.rows(), array.len() as usize)
     }
 
     /// All texels of the first layer of a two-dimensional `texture`, row after row.
@@ -26,10 +105,24 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] when `T` is not a texel's size; otherwise as [`Gpu::wait`].
     pub fn read_texture<T: bytemuck::Pod>(&self, texture: &wgpu::Texture) -> Result<Vec<T>> {
-        self.read_rows(texture, texture.height())
+        self.ask_texture(texture)?.wait()
     }
 
-    fn read_rows<T: bytemuck::Pod>(&self, texture: &wgpu::Texture, rows: u32) -> Result<Vec<T>> {
+    /// As [`Gpu::read_texture`] without waiting; see [`Gpu::ask_array`].
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when `T` is not a texel's size, or what the device refuses.
+    pub fn ask_texture<T: bytemuck::Pod>(&self, texture: &wgpu::Texture) -> Result<Pending<T>> {
+        let texels = texture.width() as usize * texture.height() as usize;
+        self.ask_rows(texture, texture.height(), texels)
+    }
+
+    fn ask_rows<T: bytemuck::Pod>(
+        &self,
+        texture: &wgpu::Texture,
+        rows: u32,
+        items: usize,
+    ) -> Result<Pending<T>> {
         let texel = texture.format().block_copy_size(None).unwrap_or(0);
         if size_of::<T>() != texel as usize {
             return Err(Error::Gpu(format!(
@@ -59,16 +152,7 @@ impl Gpu {
             },
         );
         work.submit()?;
-        let bytes: Vec<u8> = self.map(&staging)?;
-        let mut items = Vec::with_capacity((texture.width() * rows) as usize);
-        for line in bytes.chunks_exact(padded as usize) {
-            let line = &line[..row as usize];
-            items.extend(
-                line.chunks_exact(size_of::<T>())
-                    .map(bytemuck::pod_read_unaligned::<T>),
-            );
-        }
-        Ok(items)
+        Ok(self.pending(staging, (row as usize, padded as usize), items))
     }
 
     /// The content of `buffer` as a list of `T`.
@@ -97,30 +181,33 @@ impl Gpu {
 
     /// Waits for the device and reads a mappable buffer.
     pub(super) fn map<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        if cfg!(target_arch = "wasm32") {
-            let why = "a browser cannot wait for what is read back from the device";
-            return Err(Error::Gpu(why.into()));
-        }
-        self.count_readback();
-        let (sender, receiver) = std::sync::mpsc::channel();
-        buffer
+        let bytes = buffer.size() as usize;
+        let items = bytes / size_of::<T>();
+        self.pending(buffer.clone(), (bytes, bytes), items).wait()
+    }
+
+    /// Asks for a mappable buffer of rows that have so many bytes, without and with padding.
+    fn pending<T>(
+        &self,
+        staging: wgpu::Buffer,
+        (row, padded): (usize, usize),
+        items: usize,
+    ) -> Pending<T> {
+        let (sender, receiver) = channel();
+        staging
             .slice(..)
             .map_async(wgpu::MapMode::Read, move |result| {
-                // The receiver outlives the wait below; if it is gone, nobody asks.
+                // If what is pending is gone, nobody asks.
                 let _ = sender.send(result);
             });
-        self.wait()?;
-        receiver
-            .recv()
-            .map_err(|e| Error::DeviceLost(e.to_string()))?
-            .map_err(|e| Error::DeviceLost(e.to_string()))?;
-        let view = buffer
-            .slice(..)
-            .get_mapped_range()
-            .map_err(|e| Error::Gpu(e.to_string()))?;
-        Ok(view
-            .chunks_exact(size_of::<T>())
-            .map(bytemuck::pod_read_unaligned)
-            .collect())
+        Pending {
+            gpu: self.clone(),
+            staging,
+            told: receiver.into(),
+            row,
+            padded,
+            items,
+            kind: PhantomData,
+        }
     }
 }

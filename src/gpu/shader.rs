@@ -16,7 +16,7 @@
 use super::device::lock;
 use crate::{Error, Result};
 use std::collections::HashMap;
-use std::sync::{Arc, LazyLock, Mutex};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError, RwLock};
 use wgpu::naga;
 
 /// Every file under `shaders/`, embedded by `build.rs`: (name without extension, source).
@@ -28,9 +28,53 @@ const KINDS: [&str; 3] = ["matter", "law", "node"];
 /// What the number of a binding is where it follows from those before.
 const NEXT: &str = "@binding(next)";
 
+/// Shaders of the program that uses the library, as [`SHADERS`].
+static ADDED: RwLock<Vec<(&str, &str)>> = RwLock::new(Vec::new());
+
 fn source(name: &str) -> Option<&'static str> {
-    let found = SHADERS.iter().find(|(n, _)| *n == name)?;
-    Some(found.1)
+    let own = SHADERS.iter().find(|(n, _)| *n == name);
+    own.map(|s| s.1).or_else(|| added(name))
+}
+
+fn added(name: &str) -> Option<&'static str> {
+    let added = ADDED.read().unwrap_or_else(PoisonError::into_inner);
+    added.iter().find(|(n, _)| *n == name).map(|s| s.1)
+}
+
+/// Adds a shader of one's own: `room/name` is then a program for [`Gpu::pass`](super::Gpu::pass),
+/// `terms/name` a term of the energy that one of [`NodeTerm`](crate::physics::NodeTerm) names, and
+/// `lib/name` what `#import` pastes. It may `#import` all of the library's `shaders/lib`, and is
+/// kept as long as the program runs. Adding the same again does nothing.
+///
+/// # Errors
+/// [`Error::Input`] for a name that is taken or is none; [`Error::Gpu`] with the place for WGSL
+/// that does not parse.
+pub fn add_shader(name: &str, source: &str) -> Result<()> {
+    let mut parts = name.split('/');
+    let part = |p: &str| !p.is_empty() && p.chars().all(|c| c.is_alphanumeric() || c == '_');
+    if parts.clone().count() != 2 || !parts.all(part) {
+        return Err(Error::Input(format!(
+            "a shader cannot be called {name:?}; give it a room and a name of letters and digits, as in my_app/leapfrog"
+        )));
+    }
+    if SHADERS.iter().any(|(n, _)| *n == name) || added(name).is_some_and(|s| s != source) {
+        return Err(Error::Input(format!(
+            "there is a shader {name} already, and another source is given for it; choose another name"
+        )));
+    }
+    if added(name).is_some() {
+        return Ok(());
+    }
+    let mut all = ADDED.write().unwrap_or_else(PoisonError::into_inner);
+    all.push((name.to_owned().leak(), source.to_owned().leak()));
+    drop(all);
+    let alone = !name.starts_with("lib/") && !name.starts_with("terms/");
+    if let Err(error) = alone.then(|| parse(name)).transpose() {
+        let mut all = ADDED.write().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|(n, _)| *n != name);
+        return Err(error);
+    }
+    Ok(())
 }
 
 /// Names of all shaders that can be prepared as a pass: everything outside `lib/` and `terms/`,

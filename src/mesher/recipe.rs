@@ -51,6 +51,9 @@ pub struct Recipe {
     /// Pieces of regions of less volume are given to what surrounds them, in cubic units of the
     /// input.
     pub min_island: Option<f64>,
+    /// Pairs of regions, by name or label, that are parted where they meet; see
+    /// [`TetMesh::part`].
+    pub part: Vec<[String; 2]>,
     /// Metres in the unit of surface files; volumes are in mm.
     pub unit: Option<f64>,
     /// Volumes whose values the nodes take, by the name of the field.
@@ -125,6 +128,7 @@ impl Recipe {
             let field = io::read_volume(file)?.onto_nodes(&made.mesh, name);
             made.mesh.set_field(field)?;
         }
+        made.mesh.part_all(&self.part)?;
         made.report.seconds = started.elapsed().as_secs_f64();
         Ok(made)
     }

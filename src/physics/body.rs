@@ -96,6 +96,12 @@ impl Body {
                 network.masses.len()
             )));
         }
+        if !network.elements.rigid.is_empty() {
+            return Err(Error::Input(
+                "rigid regions are simulated on the CPU: take --engine cpu (engine = \"cpu\")"
+                    .into(),
+            ));
+        }
         let units = Units::of(&network);
         let nodes = Nodes::new(gpu, mesh)?;
         let frame = nodes.frame();
@@ -294,6 +300,12 @@ impl Body {
     /// The velocities on the GPU: rgba32float, xyz in local units (see [`Units`]).
     pub fn velocity_array(&self) -> &Array {
         &self.velocities
+    }
+
+    /// The masses on the GPU, in the mean mass: rg32float, mass and inverse mass, the latter 0 for
+    /// nodes that stay.
+    pub fn mass_array(&self) -> &Array {
+        &self.masses
     }
 
     /// Positions in file units, read back.

@@ -88,6 +88,7 @@ impl Default for Elements {
             volume: VolumeModel::default(),
             kept: KEPT,
             tets: Vec::new(),
+            rigid: Vec::new(),
             mass_damping: 0.0,
         }
     }
@@ -174,6 +175,20 @@ impl Elements {
         each.map(|(tet, corners)| {
             let of = |c: &u32| changes.get(*c as usize).copied().unwrap_or(0.0);
             0.25 * self.averaged(tet) * corners.iter().map(of).sum::<f64>()
+        })
+        .collect()
+    }
+
+    /// Of every tet with the nodes at `x` (m) the energy of the volumes that it shares, over its own
+    /// volume at rest, J/m³.
+    pub fn shared_densities(&self, x: &[DVec3]) -> Vec<f64> {
+        let cells = self.cells();
+        let changes = self.changes(&cells, x);
+        let each = self.tets.iter().enumerate();
+        each.map(|(t, tet)| {
+            let corners = cells.of_tet.get(t).into_iter().flatten();
+            let squares = corners.map(|c| changes.get(*c as usize).map_or(0.0, |j| j * j));
+            0.125 * self.averaged(tet) * squares.sum::<f64>()
         })
         .collect()
     }

@@ -12,6 +12,7 @@
 //!   inverted tets too.
 
 use super::VolumeModel;
+use super::rigid::RigidBody;
 use glam::{DMat3, DVec3};
 
 /// The second derivatives of a tet's energy by its nodes a and b, at `[a][b]`.
@@ -52,8 +53,10 @@ pub struct Elements {
     /// Of [`VolumeModel::Averaged`]: λ over μ up to which each tet keeps its own volume. It holds
     /// motions in which tets grow and shrink by turns and what is around each node does not.
     pub kept: f64,
-    /// The tets.
+    /// The tets, without those of rigid bodies.
     pub tets: Vec<Element>,
+    /// What moves as one body.
+    pub rigid: Vec<RigidBody>,
     /// α of Rayleigh damping, 1/s: a force −α m v on every node. The part in proportion to
     /// stiffness is [`SpringNetwork::damping_time`](super::SpringNetwork::damping_time).
     pub mass_damping: f64,
@@ -62,7 +65,7 @@ pub struct Elements {
 impl Elements {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.tets.is_empty()
+        self.tets.is_empty() && self.rigid.is_empty()
     }
 }
 
@@ -190,15 +193,20 @@ impl Element {
     /// As [`Element::forces`] where `pressure` (Pa, positive where it pulls) is added to that of
     /// the law.
     pub(crate) fn forces_under(&self, law: Law, corners: &[DVec3; 4], pressure: f64) -> [DVec3; 4] {
-        let f = self.deformation(corners);
-        let [mu, lambda] = self.lame;
-        let (j, c) = (f.determinant(), cofactor(&f));
-        let pressure = pressure + lambda * (j - 1.0);
-        let stress = match law {
-            Law::NeoHookean => f * mu + c * (pressure - mu),
-            Law::Corotated => (f - polar(&f).0) * (2.0 * mu) + c * pressure,
-        };
+        let stress = self.stress(law, &self.deformation(corners), pressure);
         self.gradients().map(|g| stress * g * -self.volume)
+    }
+
+    /// The first Piola–Kirchhoff stress P = ∂Ψ/∂F at F = `f`, Pa, where `pressure` (Pa, positive
+    /// where it pulls) is added to that of the law.
+    pub fn stress(&self, law: Law, f: &DMat3, pressure: f64) -> DMat3 {
+        let [mu, lambda] = self.lame;
+        let (j, c) = (f.determinant(), cofactor(f));
+        let pressure = pressure + lambda * (j - 1.0);
+        match law {
+            Law::NeoHookean => *f * mu + c * (pressure - mu),
+            Law::Corotated => (*f - polar(f).0) * (2.0 * mu) + c * pressure,
+        }
     }
 
     /// The second derivatives of the energy by nodes a and b at `[a][b]`, N/m, exactly.
@@ -324,7 +332,7 @@ fn cofactor_change(f: &DMat3, d: &DMat3) -> DMat3 {
 
 /// F = R S with det R = 1 and S symmetric, of eigenvalues of which only the smallest is negative
 /// where F is inverted.
-fn polar(f: &DMat3) -> (DMat3, DMat3) {
+pub(crate) fn polar(f: &DMat3) -> (DMat3, DMat3) {
     let square = f.transpose() * *f;
     let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| square.col(j)[i]));
     let (values, vectors) = eigen(rows);

@@ -115,8 +115,10 @@ impl EngineChoice {
         (kind, settings): (SolverKind, ConjugateGradients),
     ) -> Result<Box<dyn Simulator>> {
         // What only one engine has is taken from there, unless the other was asked for.
+        let elements = &network.elements;
         let of_cpu = SolverKind::OF_ELEMENTS.contains(&kind)
-            || network.elements.volume == VolumeModel::Averaged;
+            || elements.volume == VolumeModel::Averaged
+            || !elements.rigid.is_empty();
         if of_cpu && self == EngineChoice::Auto || self.engine(gpu) == Engine::Cpu {
             let body = CpuTets::<f32>::of_network(gpu, mesh, network, material, kind, settings)?;
             return Ok(Box::new(body));

@@ -9,8 +9,8 @@
 
 use super::gpu_terms::Part;
 use super::implicit_start::Start;
-use super::step::{Core, StepPasses, Timing};
-use super::stepper::{self, Stepper};
+use super::integrator::{Core, Integrator, Stage, Step, Timing};
+use super::stepper::Stepper;
 use super::{Body, SolverKind};
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use crate::{Error, Result};
@@ -139,7 +139,7 @@ impl Stepper<Scheme> {
     }
 }
 
-impl stepper::Scheme for Scheme {
+impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::Implicit;
 
     fn new(core: &Core, body: &Body) -> Result<Scheme> {
@@ -195,7 +195,7 @@ impl stepper::Scheme for Scheme {
         Ok(())
     }
 
-    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
+    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
         let params = self.params(core, body, timing);
         let (mut before, mut after_restart, mut keep) = (Vec::new(), None, None);
         if let (Some(start), Some(elements)) = (&self.start, &body.elements) {
@@ -205,59 +205,61 @@ impl stepper::Scheme for Scheme {
         before.push(self.begin(core, body, timing)?);
         if let Some(keep) = &keep {
             let first = [keep.clone()].into_iter();
-            after_restart = Some(first.chain(before.iter().cloned()).collect());
+            after_restart = Some(Stage::Passes(first.chain(before.iter().cloned()).collect()));
         }
         let (_, start_velocities) = self.start(body);
-        Ok(StepPasses {
-            before,
-            after_restart,
-            gate: Some(
-                core.gpu
-                    .pass("physics/implicit_euler_gate")
-                    .read(&core.status)
-                    .read(&self.scalars[0])
-                    .write(&self.arguments)
-                    .params(&GateParams {
-                        groups: core.groups,
-                        max_iterations: self.settings.max_iterations,
-                    })
-                    .over(1)?,
-            ),
-            iterations: vec![
-                self.find_direction(core, body, 0, &params)?,
-                self.update(core, 0, &params)?,
-                self.find_direction(core, body, 1, &params)?,
-                self.update(core, 1, &params)?,
+        let gate = core
+            .gpu
+            .pass("physics/implicit_euler_gate")
+            .read(&core.status)
+            .read(&self.scalars[0])
+            .write(&self.arguments)
+            .params(&GateParams {
+                groups: core.groups,
+                max_iterations: self.settings.max_iterations,
+            })
+            .over(1)?;
+        let rounds = vec![
+            self.find_direction(core, body, 0, &params)?,
+            self.update(core, 0, &params)?,
+            self.find_direction(core, body, 1, &params)?,
+            self.update(core, 1, &params)?,
+        ];
+        let finish = core
+            .gpu
+            .pass("physics/implicit_euler_finish")
+            .constant("WORKGROUP", f64::from(core.workgroup))
+            .read(&self.rz_partials)
+            .read(&self.scalars[0])
+            .write(&core.status)
+            .params(&params)
+            .over(core.workgroup)?;
+        let moved = core
+            .gpu
+            .pass("physics/implicit_euler")
+            .read(body.nodes().array())
+            .read(start_velocities)
+            .read(&body.masses)
+            .read(&self.solution[0])
+            .read(&self.solution[1])
+            .read(&core.status)
+            .write(&core.next_positions)
+            .write(&core.next_velocities)
+            .params(&AdvanceParams {
+                nodes: core.nodes,
+                dt: timing.dt,
+            })
+            .over(core.nodes)?;
+        let settle = [finish, moved].into_iter().chain(keep).collect();
+        Ok(Step {
+            stages: vec![
+                Stage::Passes(before),
+                Stage::Loop { gate, rounds },
+                Stage::Passes(settle),
+                Stage::Forces(None),
             ],
-            settle: vec![
-                core.gpu
-                    .pass("physics/implicit_euler_finish")
-                    .constant("WORKGROUP", f64::from(core.workgroup))
-                    .read(&self.rz_partials)
-                    .read(&self.scalars[0])
-                    .write(&core.status)
-                    .params(&params)
-                    .over(core.workgroup)?,
-                core.gpu
-                    .pass("physics/implicit_euler")
-                    .read(body.nodes().array())
-                    .read(start_velocities)
-                    .read(&body.masses)
-                    .read(&self.solution[0])
-                    .read(&self.solution[1])
-                    .read(&core.status)
-                    .write(&core.next_positions)
-                    .write(&core.next_velocities)
-                    .params(&AdvanceParams {
-                        nodes: core.nodes,
-                        dt: timing.dt,
-                    })
-                    .over(core.nodes)?,
-            ]
-            .into_iter()
-            .chain(keep)
-            .collect(),
-            ..StepPasses::default()
+            after_restart,
+            after_change: None,
         })
     }
 

@@ -57,7 +57,7 @@ impl SolverKind {
     }
 
     /// The name, as on the command line.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             SolverKind::Explicit => "explicit",
             SolverKind::Symplectic => "symplectic",

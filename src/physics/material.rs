@@ -2,7 +2,7 @@
 
 use super::VolumeModel;
 use crate::{Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
 
@@ -105,12 +105,16 @@ pub struct Material {
     /// Damping in proportion to stiffness, in seconds: adds `damping_time · κ` to each spring's
     /// κ_d, which damps meshes of any size and fineness alike.
     pub damping_time: f64,
+    /// α of Rayleigh damping, 1/s, of elements: a force −α m v on every node.
+    pub mass_damping: f64,
     /// What is damped.
     pub damping_kind: Damping,
     /// A cell field whose values are labels of regions; see [`Material::regions`].
     pub region_field: Option<String>,
     /// What the tets of some labels are made of instead.
     pub regions: BTreeMap<i64, RegionMaterial>,
+    /// Labels of the regions that move as rigid bodies: of elements, on the CPU.
+    pub rigid: BTreeSet<i64>,
     /// A node field of factors on the stiffness; a spring takes the mean of its two ends.
     pub node_field: Option<String>,
     /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
@@ -144,9 +148,11 @@ impl Material {
             density: 1000.0,
             damping: 0.0,
             damping_time: 0.0,
+            mass_damping: 0.0,
             damping_kind: Damping::default(),
             region_field: None,
             regions: BTreeMap::new(),
+            rigid: BTreeSet::new(),
             node_field: None,
             length_unit: 1.0,
         }
@@ -205,6 +211,19 @@ impl Material {
         }
     }
 
+    /// This material, of elements, so damped that a swing of `frequency` (Hz) has the damping ratio
+    /// `ratio` (1 just does not swing): Rayleigh's α = ζω and β = ζ/ω, ω = 2π times the frequency.
+    /// Slower and faster swings are damped more, ζ/2 (ω/ω' + ω'/ω) at ω'.
+    pub fn damped(self, ratio: f64, frequency: f64) -> Material {
+        let omega = std::f64::consts::TAU * frequency;
+        Material {
+            damping: 0.0,
+            mass_damping: ratio * omega,
+            damping_time: ratio / omega,
+            ..self
+        }
+    }
+
     /// Refuses numbers that make no sense.
     pub(crate) fn check(&self) -> Result<()> {
         let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = self.stiffness;
@@ -213,6 +232,7 @@ impl Material {
             ("density", self.density, self.density > 0.0),
             ("damping", self.damping, self.damping >= 0.0),
             ("damping time", self.damping_time, self.damping_time >= 0.0),
+            ("mass damping", self.mass_damping, self.mass_damping >= 0.0),
             ("length unit", self.length_unit, self.length_unit > 0.0),
         ];
         let uniform = matches!(self.stiffness, Stiffness::Uniform(_));
@@ -222,7 +242,26 @@ impl Material {
                 self.model
             )));
         }
-        if self.volume != VolumeModel::PerTet && self.model == MaterialModel::Springs {
+        let springs = self.model == MaterialModel::Springs;
+        if springs && self.mass_damping != 0.0 {
+            return Err(Error::Input(format!(
+                "material: a damping of the mass, {} 1/s, is for elements and not for springs; take neo-hookean or corotated",
+                self.mass_damping
+            )));
+        }
+        if !springs && self.damping != 0.0 {
+            return Err(Error::Input(format!(
+                "material: a damping of {} N·s/m is one of every spring, and {} elements have none; give a damping ratio at a frequency, or a damping time",
+                self.damping, self.model
+            )));
+        }
+        if springs && !self.rigid.is_empty() {
+            return Err(Error::Input(
+                "material: springs have no rigid regions; take neo-hookean or corotated elements"
+                    .into(),
+            ));
+        }
+        if springs && self.volume != VolumeModel::PerTet {
             return Err(Error::Input(format!(
                 "material: springs have no volume that could be {}; give model = \"neo-hookean\" or \"corotated\" (--material), or leave the volume out",
                 self.volume

@@ -6,6 +6,7 @@
 //! workgroup decides whether it is sound, and only then it becomes the state. Nothing waits for
 //! the CPU; a failure freezes the last good state until somebody asks.
 
+mod acting;
 mod bodies;
 mod body;
 mod cpu;
@@ -14,6 +15,9 @@ mod element_volume;
 mod elements;
 mod engine;
 mod explicit_euler;
+mod fields;
+#[cfg(test)]
+mod fields_tests;
 mod gpu_elements;
 mod gpu_springs;
 mod gpu_terms;
@@ -25,6 +29,7 @@ mod guard;
 mod hold;
 mod implicit_euler;
 mod implicit_start;
+pub mod integrator;
 mod kind;
 mod lanczos;
 mod loads;
@@ -33,7 +38,9 @@ mod moves;
 mod network;
 mod nodes;
 pub mod plain;
+mod reactions;
 mod report;
+mod rigid;
 mod rows;
 mod simulator;
 mod simulator_tools;
@@ -52,12 +59,15 @@ mod units;
 mod velocity_verlet;
 mod verlet;
 
+pub use acting::{Acting, LevelId, Muscle};
 pub use bodies::{Bodies, BodiesState, Member, MemberReport};
 pub use body::Body;
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Real};
 pub use element_volume::VolumeModel;
+pub(crate) use elements::eigen;
 pub use elements::{Blocks, Element, Elements, Law, Newton};
 pub use engine::{Engine, EngineChoice};
+pub use fields::BodyField;
 pub use gpu_tets::{GpuTets, TetState};
 pub use grab::{GrabId, Grip};
 pub use grid::{GpuGrid, GridState};
@@ -66,11 +76,13 @@ pub use guard::{Progress, StepRecord};
 pub use hold::HeldEnd;
 pub use implicit_euler::ConjugateGradients;
 pub use kind::SolverKind;
-pub use loads::Loads;
+pub use loads::{LedId, Loads};
 pub use material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 pub use network::{Spring, SpringNetwork};
 pub use nodes::Nodes;
+pub use reactions::{Forces, Held, Reaction};
 pub use report::{Energy, Report};
+pub use rigid::RigidBody;
 pub use simulator::{Pose, Simulator, SimulatorState, TopologyChange};
 pub use solver::Solver;
 pub use stability::largest_stable_step;

@@ -4,6 +4,7 @@
 use super::elements::{Element, Elements, Law};
 use super::hold::HeldEnd;
 use super::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
+use super::rigid::rigid_bodies;
 use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -220,11 +221,22 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             law,
             volume: self.material.volume,
             tets: tets.into_par_iter().filter_map(element).collect(),
+            rigid: rigid_bodies(self.mesh, |t| self.rigid_label(t)),
+            mass_damping: self.material.mass_damping,
             ..Elements::default()
         }
     }
 
+    /// The region of a tet, if that is rigid.
+    fn rigid_label(&self, tet: usize) -> Option<i64> {
+        let label = self.labels?.get(tet)?.round() as i64;
+        self.material.rigid.contains(&label).then_some(label)
+    }
+
     fn element(&self, t: usize, law: Law, rest: &[DVec3]) -> Option<Element> {
+        if self.rigid_label(t).is_some() {
+            return None;
+        }
         let nodes = self.mesh.tets[t];
         let made = (self.made_of)(t);
         let factor = self.node_factors.map_or(1.0, |factors| {
@@ -338,7 +350,12 @@ fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> Regi
     Ok(move |t: usize| {
         let label = labels.map(|labels| labels[t].round() as i64);
         let region = label.and_then(|label| material.regions.get(&label));
-        region.copied().unwrap_or(rest)
+        let made = region.copied().unwrap_or(rest);
+        match label.is_some_and(|label| material.rigid.contains(&label)) {
+            // Nothing is reckoned with how stiff it is, but the units.
+            true => RegionMaterial { stiffness, ..made },
+            false => made,
+        }
     })
 }
 

@@ -195,8 +195,24 @@ impl Linearised {
             true => network.springs.as_slice(),
             false => &[],
         };
+        // What is rigid is held together by its springs here, or loads would tear it apart.
+        let mut body = vec![u32::MAX; network.rest.len()];
+        for (b, rigid) in elements.rigid.iter().enumerate() {
+            for v in &rigid.nodes {
+                body[*v as usize] = b as u32;
+            }
+        }
+        let in_one = |s: &&super::Spring| {
+            let [a, b] = s.nodes.map(|v| body[v as usize]);
+            a == b && a != u32::MAX
+        };
+        let ties = match elements.rigid.is_empty() {
+            true => &[],
+            false => network.springs.as_slice(),
+        };
+        let springs = springs.iter().chain(ties.iter().filter(in_one));
         let tets = elements.tets.iter();
-        let links = springs.iter().map(|s| {
+        let links = springs.map(|s| {
             let [i, j] = s.nodes.map(|v| v as usize);
             Link {
                 nodes: [i, j],

@@ -8,9 +8,9 @@
 use super::grab_lists::GrabLists;
 use super::guard::gpu_data::Status;
 use super::guard::{Clock, HISTORY};
+use super::integrator::{Integrator, Timing};
 use super::loads::{LoadVersions, LoadsState};
-use super::step::Timing;
-use super::stepper::{Scheme, Stepper};
+use super::stepper::Stepper;
 use super::{Body, GrabId, Grip};
 use crate::gpu::{Array, Gpu};
 use crate::{Error, Result};
@@ -128,13 +128,13 @@ impl Body {
     }
 }
 
-impl<S: Scheme> Stepper<S> {
+impl<S: Integrator> Stepper<S> {
     pub(super) fn read_state(&self) -> Result<SolverState> {
         let gpu = &self.core.gpu;
         let status: Vec<Status> = gpu.read_buffer(&self.core.status)?;
         let carried = self.scheme.carried().into_iter();
         Ok(SolverState {
-            kind: S::KIND.name().to_owned(),
+            kind: S::NAME.to_owned(),
             status: bytemuck::cast_slice(&status).to_vec(),
             history: gpu.read_buffer(&self.core.history)?,
             clock: self.clock.clone(),
@@ -153,11 +153,11 @@ impl<S: Scheme> Stepper<S> {
     pub(super) fn write_state(&mut self, body: &Body, state: &SolverState) -> Result<()> {
         let words = size_of::<Status>() / size_of::<u32>();
         let wrong = |what: String| Err(Error::Input(what));
-        if state.kind != S::KIND.name() {
+        if state.kind != S::NAME {
             return wrong(format!(
                 "the state of the solver {} does not fit {}",
                 state.kind,
-                S::KIND
+                S::NAME
             ));
         }
         let sound = state.status.len() == words
@@ -202,7 +202,7 @@ impl<S: Scheme> Stepper<S> {
             dt: local_dt,
             before: local_dt,
         };
-        let step = self.scheme.passes(&self.core, body, timing)?;
+        let step = self.scheme.step(&self.core, body, timing)?;
         let mut prepared = self.core.prepare(body, step, dt, local_dt)?;
         prepared.revision = super::body::Revision { state, any };
         self.prepared = Some(prepared);

@@ -5,6 +5,7 @@ use super::body::Revision;
 use super::gpu_terms::Part;
 use super::guard::gpu_data::Status;
 use super::guard::{ENERGY_FACTOR, ENERGY_FLOOR, HISTORY};
+use super::integrator::Step;
 use super::loads::LoadVersions;
 use crate::Result;
 use crate::gpu::{Array, Gpu, Pass, Texel};
@@ -35,7 +36,7 @@ mod gpu_data {
 }
 use gpu_data::{CheckParams, ForceParams};
 
-/// What all solvers have: the candidate state, the forces, and the guard.
+/// What all integrators on the GPU have: the candidate state, the forces, and the guard.
 #[derive(Debug)]
 pub struct Core {
     pub(super) gpu: Gpu,
@@ -55,36 +56,6 @@ pub struct Core {
     pub(super) texels: u32,
 }
 
-/// The passes of one step, between the forces at its start and the check at its end.
-#[derive(Debug, Default)]
-pub struct StepPasses {
-    /// Everything before the iterations.
-    pub(super) before: Vec<Pass>,
-    /// In place of it in the first step after a restart, where that differs.
-    pub(super) after_restart: Option<Vec<Pass>>,
-    /// In place of it in the first step after a change of dt, where that differs.
-    pub(super) after_change: Option<Vec<Pass>>,
-    /// Before every few pairs of iterations.
-    pub(super) gate: Option<Pass>,
-    /// Two iterations of a linear solve.
-    pub(super) iterations: Vec<Pass>,
-    /// Everything after them, up to the candidate state.
-    pub(super) settle: Vec<Pass>,
-    /// The velocities that the candidate's forces see, where not the candidate's.
-    pub(super) velocities: Option<Array>,
-    /// After the candidate's forces.
-    pub(super) after: Vec<Pass>,
-}
-
-/// The length of a step, in local units.
-#[derive(Clone, Copy, Debug)]
-pub struct Timing {
-    /// This step's.
-    pub(super) dt: f32,
-    /// The step before's.
-    pub(super) before: f32,
-}
-
 /// Passes ready to be recorded, and what they were made for.
 #[derive(Debug)]
 pub(super) struct Prepared {
@@ -93,7 +64,7 @@ pub(super) struct Prepared {
     pub(super) gravity: DVec3,
     /// The body as it was last left or found.
     pub(super) revision: Revision,
-    pub(super) step: StepPasses,
+    pub(super) step: Step,
     /// The loads that `draw` was made for.
     pub(super) loads: Option<LoadVersions>,
     /// What grabs by springs pull with at the candidate's positions.
@@ -160,18 +131,51 @@ impl Core {
         Ok(())
     }
 
+    /// The device.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> u32 {
+        self.nodes
+    }
+
+    /// Where the positions at the end of the step are to be written, local units.
+    pub fn next_positions(&self) -> &Array {
+        &self.next_positions
+    }
+
+    /// Where the velocities at the end of the step are to be written, local units.
+    pub fn next_velocities(&self) -> &Array {
+        &self.next_velocities
+    }
+
+    /// The forces of the latest [`Stage::Forces`](super::integrator::Stage::Forces), local units:
+    /// before it those at the state that the step begins with.
+    pub fn forces(&self) -> &Array {
+        &self.forces
+    }
+
+    /// Where failures are noted; its first word is not 0 once a step has failed, and passes then
+    /// leave everything as it is (`lib/status.wgsl`).
+    pub fn status(&self) -> &wgpu::Buffer {
+        &self.status
+    }
+
     pub(super) fn prepare(
         &self,
         body: &Body,
-        step: StepPasses,
+        step: Step,
         dt: f64,
         local_dt: f32,
     ) -> Result<Prepared> {
-        let velocities = step.velocities.as_ref().unwrap_or(&self.next_velocities);
+        let seen = step.velocities()?;
+        let velocities = seen.unwrap_or(&self.next_velocities);
         let state = body.nodes().array();
         let mut restart = self.force_passes(body, state, &body.velocities)?;
         restart.push(self.check_pass(2, local_dt)?);
-        let kept = step.velocities.as_ref().unwrap_or(&body.velocities);
+        let kept = seen.unwrap_or(&body.velocities);
         let mut resume = self.force_passes(body, state, kept)?;
         resume.push(self.check_pass(1, local_dt)?);
         Ok(Prepared {

@@ -2,9 +2,10 @@
 
 use super::guard::gpu_data::Status;
 use super::guard::{Clock, HISTORY, Progress, StepRecord};
-use super::step::{Core, Prepared, StepPasses, Timing};
+use super::integrator::{Integrator, Stage, Timing};
+use super::step::{Core, Prepared};
 use super::{Body, Solver, SolverKind, SolverState};
-use crate::gpu::{Array, Gpu, Pass, Recorder, Ring};
+use crate::gpu::{Gpu, Pass, Recorder, Ring};
 use crate::{Error, Result};
 use std::collections::VecDeque;
 
@@ -23,45 +24,7 @@ const DISPATCHES: u32 = 8192;
 /// Pairs of iterations behind one gate.
 const GATED: u32 = 4;
 
-/// What tells one solver from another.
-pub trait Scheme: Sized + Send {
-    /// Its name.
-    const KIND: SolverKind;
-
-    /// What it keeps on the GPU.
-    ///
-    /// # Errors
-    /// What the device refuses.
-    fn new(core: &Core, body: &Body) -> Result<Self>;
-
-    /// Makes what it keeps as long as a cut has made the body; the steps that follow start
-    /// afresh.
-    ///
-    /// # Errors
-    /// What the device refuses.
-    fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
-        *self = Self::new(core, body)?;
-        Ok(())
-    }
-
-    /// The passes of its step.
-    ///
-    /// # Errors
-    /// What the device refuses.
-    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses>;
-
-    /// What it carries from one step to the next, apart from the state of the body.
-    fn carried(&self) -> Vec<&Array> {
-        Vec::new()
-    }
-
-    /// Iterations of its linear solve at most, 0 where it has none.
-    fn max_iterations(&self) -> u32 {
-        0
-    }
-}
-
-/// A solver: the chain of passes around a scheme, bound to one body. See [`Solver`].
+/// A solver: the chain of passes around an integrator, bound to one body. See [`Solver`].
 #[derive(Debug)]
 pub struct Stepper<S> {
     pub(super) core: Core,
@@ -96,6 +59,33 @@ fn no_status() -> Error {
     Error::Gpu("the status of the simulation is empty".into())
 }
 
+/// Records a stage, with so many rounds of its loop if it is one.
+fn record_stage(work: &mut Recorder, prepared: &Prepared, stage: &Stage, iterations: u32) {
+    let passes = match stage {
+        Stage::Passes(passes) => passes,
+        Stage::Loop { gate, rounds } => {
+            for pair in 0..iterations.div_ceil(2) {
+                if pair % GATED == 0 {
+                    gate.record(work);
+                }
+                for pass in rounds {
+                    pass.record(work);
+                }
+            }
+            return;
+        }
+        Stage::Forces(_) => {
+            if let Some(draw) = &prepared.draw {
+                draw.record(work);
+            }
+            &prepared.forces
+        }
+    };
+    for pass in passes {
+        pass.record(work);
+    }
+}
+
 /// How the steps of a recording begin.
 #[derive(Clone, Copy, PartialEq)]
 enum Start {
@@ -104,7 +94,7 @@ enum Start {
     Resume,
 }
 
-impl<S: Scheme> Stepper<S> {
+impl<S: Integrator> Stepper<S> {
     /// A solver for `body`.
     ///
     /// # Errors
@@ -168,7 +158,7 @@ impl<S: Scheme> Stepper<S> {
                     dt: local_dt,
                     before: known.map_or(local_dt, |p| p.local_dt),
                 };
-                let step = self.scheme.passes(&self.core, body, timing)?;
+                let step = self.scheme.step(&self.core, body, timing)?;
                 self.core.prepare(body, step, dt, local_dt)?
             }
         };
@@ -211,36 +201,19 @@ impl<S: Scheme> Stepper<S> {
             return Ok(());
         }
         let (prepared, start) = self.begin(work, body, dt)?;
-        let passes = &prepared.step;
         let first = match start {
-            Start::Restart => &passes.after_restart,
-            Start::Change => &passes.after_change,
+            Start::Restart => &prepared.step.after_restart,
+            Start::Change => &prepared.step.after_change,
             Start::Resume => &None,
         };
         for step in 0..steps {
             let first = first.as_ref().filter(|_| step == 0);
-            for pass in first.unwrap_or(&passes.before) {
-                pass.record(work);
-            }
-            for pair in 0..iterations.div_ceil(2) {
-                if let Some(gate) = prepared.step.gate.as_ref().filter(|_| pair % GATED == 0) {
-                    gate.record(work);
-                }
-                for pass in &prepared.step.iterations {
-                    pass.record(work);
-                }
-            }
-            for pass in &prepared.step.settle {
-                pass.record(work);
-            }
-            if let Some(draw) = &prepared.draw {
-                draw.record(work);
-            }
-            for pass in &prepared.forces {
-                pass.record(work);
-            }
-            for pass in &prepared.step.after {
-                pass.record(work);
+            let rest = prepared.step.stages.iter();
+            let stages = first
+                .into_iter()
+                .chain(rest.skip(usize::from(first.is_some())));
+            for stage in stages {
+                record_stage(work, prepared, stage, iterations);
             }
             prepared.check.record(work);
             prepared.commit.record(work);
@@ -369,7 +342,7 @@ impl<S: Scheme> Stepper<S> {
     }
 }
 
-impl<S: Scheme> Solver for Stepper<S> {
+impl<S: Integrator> Solver for Stepper<S> {
     fn kind(&self) -> SolverKind {
         S::KIND
     }

@@ -1,7 +1,6 @@
 //! Symplectic Euler; the twin of `shaders/physics/symplectic_euler.wgsl` and `physics::plain::steppers::symplectic_euler`.
 
-use super::step::{Core, StepPasses, Timing};
-use super::stepper;
+use super::integrator::{Core, Integrator, Step, Timing};
 use super::{Body, SolverKind, moves};
 use crate::Result;
 
@@ -9,25 +8,16 @@ use crate::Result;
 #[derive(Debug)]
 pub struct Scheme;
 
-impl stepper::Scheme for Scheme {
+impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::Symplectic;
 
     fn new(_: &Core, _: &Body) -> Result<Scheme> {
         Ok(Scheme)
     }
 
-    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
-        let target = &core.next_velocities;
-        Ok(StepPasses {
-            before: vec![moves::pass(
-                core,
-                body,
-                "physics/symplectic_euler",
-                target,
-                timing.dt,
-                timing.dt,
-            )?],
-            ..StepPasses::default()
-        })
+    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
+        let (target, dt) = (&core.next_velocities, timing.dt);
+        let pass = moves::pass(core, body, "physics/symplectic_euler", target, dt, dt)?;
+        Ok(Step::explicit(pass))
     }
 }

@@ -2,8 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::guard::gpu_data::Status;
-use super::step::Timing;
-use super::stepper::Scheme;
+use super::integrator::{Integrator, Stage, Timing};
 use super::{Body, Damping, Floor, ImplicitEuler, Material, NodeTerm, Solver, SpringNetwork};
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{TetMesh, generate};
@@ -215,9 +214,12 @@ fn product(
     timing: Timing,
     p: &[DVec3],
 ) -> Vec<DVec3> {
-    let passes = solver.scheme.passes(&solver.core, body, timing).unwrap();
+    let step = solver.scheme.step(&solver.core, body, timing).unwrap();
+    let [Stage::Passes(begin), Stage::Loop { gate, rounds }, ..] = &step.stages[..] else {
+        panic!("an implicit step begins with the system and its solve")
+    };
     let mut work = gpu.record();
-    passes.before[0].record(&mut work);
+    begin[0].record(&mut work);
     work.submit().unwrap();
     let first: Vec<[f32; 4]> = p
         .iter()
@@ -226,8 +228,8 @@ fn product(
     gpu.write_array(&solver.scheme.preconditioned[0], &first)
         .unwrap();
     let mut work = gpu.record();
-    passes.gate.unwrap().record(&mut work);
-    passes.iterations[0].record(&mut work);
+    gate.record(&mut work);
+    rounds[0].record(&mut work);
     work.submit().unwrap();
     read(gpu, &solver.scheme.product, body.units.mass)
 }

@@ -6,8 +6,7 @@
 //! in h as everything else is (Groot & Warren 1997 with λ = 1), where damping sets the limit at
 //! half the step.
 
-use super::step::{Core, StepPasses, Timing};
-use super::stepper;
+use super::integrator::{Core, Integrator, Stage, Step, Timing};
 use super::{Body, SolverKind, moves};
 use crate::Result;
 use crate::gpu::{Array, Texel};
@@ -29,7 +28,7 @@ pub struct Scheme {
     predicted_velocities: Array,
 }
 
-impl stepper::Scheme for Scheme {
+impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::VelocityVerlet;
 
     fn new(core: &Core, body: &Body) -> Result<Scheme> {
@@ -54,35 +53,32 @@ impl stepper::Scheme for Scheme {
         vec![&self.predicted_velocities]
     }
 
-    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
+    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
         let (dt, kick) = (timing.dt, 0.5 * timing.dt);
         let predicted = &self.predicted_velocities;
-        Ok(StepPasses {
-            before: vec![moves::pass(
-                core,
-                body,
-                "physics/velocity_verlet",
-                predicted,
-                dt,
+        let shader = "physics/velocity_verlet";
+        let moved = moves::pass(core, body, shader, predicted, dt, kick)?;
+        let kicked = core
+            .gpu
+            .pass("physics/velocity_verlet_kick")
+            .read(&body.velocities)
+            .read(predicted)
+            .read(&core.forces)
+            .read(&body.masses)
+            .read(&core.status)
+            .write(&core.next_velocities)
+            .params(&KickParams {
+                nodes: core.nodes,
                 kick,
-            )?],
-            velocities: Some(predicted.clone()),
-            after: vec![
-                core.gpu
-                    .pass("physics/velocity_verlet_kick")
-                    .read(&body.velocities)
-                    .read(predicted)
-                    .read(&core.forces)
-                    .read(&body.masses)
-                    .read(&core.status)
-                    .write(&core.next_velocities)
-                    .params(&KickParams {
-                        nodes: core.nodes,
-                        kick,
-                    })
-                    .over(core.nodes)?,
+            })
+            .over(core.nodes)?;
+        Ok(Step {
+            stages: vec![
+                Stage::Passes(vec![moved]),
+                Stage::Forces(Some(predicted.clone())),
+                Stage::Passes(vec![kicked]),
             ],
-            ..StepPasses::default()
+            ..Step::default()
         })
     }
 }

@@ -5,8 +5,7 @@
 //! one of another length than the last, is kicked by the mean of the two lengths, which for
 //! h₋₁ = 0 is the start x₋₁ = x₀ − h v₀ + ½h² a₀.
 
-use super::step::{Core, StepPasses, Timing};
-use super::stepper;
+use super::integrator::{Core, Integrator, Stage, Step, Timing};
 use super::{Body, SolverKind, moves};
 use crate::Result;
 
@@ -14,23 +13,23 @@ use crate::Result;
 #[derive(Debug)]
 pub struct Scheme;
 
-impl stepper::Scheme for Scheme {
+impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::Verlet;
 
     fn new(_: &Core, _: &Body) -> Result<Scheme> {
         Ok(Scheme)
     }
 
-    fn passes(&self, core: &Core, body: &Body, timing: Timing) -> Result<StepPasses> {
+    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
         let pass = |kick| {
             let target = &core.next_velocities;
             moves::pass(core, body, "physics/verlet", target, timing.dt, kick)
         };
-        Ok(StepPasses {
-            before: vec![pass(timing.dt)?],
-            after_restart: Some(vec![pass(0.5 * timing.dt)?]),
-            after_change: Some(vec![pass(0.5 * (timing.before + timing.dt))?]),
-            ..StepPasses::default()
+        let kicked = |kick| pass(kick).map(|pass| Some(Stage::Passes(vec![pass])));
+        Ok(Step {
+            after_restart: kicked(0.5 * timing.dt)?,
+            after_change: kicked(0.5 * (timing.before + timing.dt))?,
+            ..Step::explicit(pass(timing.dt)?)
         })
     }
 }

@@ -24,6 +24,13 @@ pub enum Mode {
     Composite,
     /// Length inside the mesh, in file units.
     Thickness,
+    /// The largest scalar on the ray, grey: black at the low end of the geometry's range of
+    /// scalars, white at the high one.
+    Maximum,
+    /// The least.
+    Minimum,
+    /// The mean over the length inside the mesh.
+    Mean,
 }
 
 /// What the shaders can gather: [`Mode`], or counts for a report.
@@ -32,6 +39,28 @@ pub(super) enum Gathered {
     Composite,
     Thickness,
     Statistics,
+    Maximum,
+    Minimum,
+    Mean,
+}
+
+impl Gathered {
+    /// Its number in `lib/segment.wgsl`.
+    pub fn code(self) -> f64 {
+        match self {
+            Gathered::Composite => 0.0,
+            Gathered::Thickness => 1.0,
+            Gathered::Statistics => 2.0,
+            Gathered::Maximum => 3.0,
+            Gathered::Minimum => 4.0,
+            Gathered::Mean => 5.0,
+        }
+    }
+
+    /// Whether it is a scalar's projection.
+    pub fn is_projection(self) -> bool {
+        matches!(self, Gathered::Maximum | Gathered::Minimum | Gathered::Mean)
+    }
 }
 
 impl From<Mode> for Gathered {
@@ -39,6 +68,9 @@ impl From<Mode> for Gathered {
         match mode {
             Mode::Composite => Gathered::Composite,
             Mode::Thickness => Gathered::Thickness,
+            Mode::Maximum => Gathered::Maximum,
+            Mode::Minimum => Gathered::Minimum,
+            Mode::Mean => Gathered::Mean,
         }
     }
 }

@@ -35,6 +35,8 @@ const CAP_SLACK: u32 = 16;
 pub struct Raycaster {
     pub(super) gpu: Gpu,
     pub(super) geometry: Geometry,
+    /// The range of scalars that the table was made for.
+    range: (f64, f64),
     pub(super) options: RaycastOptions,
     transfer: TransferFunction,
     pub(super) table: Table,
@@ -52,7 +54,8 @@ struct Frame {
     walks: HashMap<(Gathered, bool), Walks>,
     /// The occluder that the walks were prepared with.
     occluder: Option<wgpu::TextureView>,
-    resolves: HashMap<(wgpu::TextureFormat, bool), Draw>,
+    /// By format, whether blended over what is there, and whether the mean is shown.
+    resolves: HashMap<(wgpu::TextureFormat, bool, bool), Draw>,
 }
 
 impl Raycaster {
@@ -76,6 +79,7 @@ impl Raycaster {
     ) -> Result<Raycaster> {
         options.check(gpu)?;
         let table = make_table(gpu, &geometry, transfer, &options)?;
+        let range = geometry.range;
         let sampler = gpu.device().create_sampler(&wgpu::SamplerDescriptor {
             label: Some("table"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -85,6 +89,7 @@ impl Raycaster {
         Ok(Raycaster {
             gpu: gpu.clone(),
             geometry,
+            range,
             options,
             transfer: transfer.clone(),
             table,
@@ -123,11 +128,24 @@ impl Raycaster {
     /// As [`Raycaster::new`].
     pub fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
         self.table = make_table(&self.gpu, &self.geometry, transfer, &self.options)?;
+        self.range = self.geometry.range;
         self.transfer = transfer.clone();
         if let Some(frame) = &mut self.frame {
             frame.walks.clear();
         }
         Ok(())
+    }
+
+    /// Takes over the range of scalars that its geometry was given since: the table is made anew
+    /// where it is another one.
+    ///
+    /// # Errors
+    /// As [`Raycaster::new`].
+    pub fn refresh_range(&mut self) -> Result<()> {
+        match self.range == self.geometry.range {
+            true => Ok(()),
+            false => self.set_transfer(&self.transfer.clone()),
+        }
     }
 
     /// How it draws.
@@ -152,6 +170,7 @@ impl Raycaster {
     pub fn set_options(&mut self, options: RaycastOptions) -> Result<()> {
         options.check(&self.gpu)?;
         self.table = make_table(&self.gpu, &self.geometry, &self.transfer, &options)?;
+        self.range = self.geometry.range;
         self.options = options;
         self.frame = None;
         Ok(())
@@ -204,8 +223,8 @@ impl Raycaster {
         let (pixels, layers) = self.gather(camera, size, mode.into())?;
         self.check_layers(layers)?;
         let (channels, values) = match mode {
-            Mode::Composite => (4, pixels.into_iter().flatten().collect()),
             Mode::Thickness => (1, pixels.into_iter().map(|p| p[0]).collect()),
+            _ => (4, pixels.into_iter().flatten().collect()),
         };
         Ok(Image {
             size,
@@ -265,7 +284,7 @@ impl Raycaster {
         window: Window,
     ) -> Result<()> {
         camera.check()?;
-        let view = self.view(camera, window);
+        let view = self.view_of(camera, window, gathered);
         self.table.fill(&self.gpu)?;
         if self.options.walk == Walk::Planes {
             self.geometry.record_refresh(work);
@@ -319,11 +338,17 @@ impl Raycaster {
             let report = gathered == Gathered::Statistics;
             frame.peel.record(work, walks, view, report)?;
         }
-        self.resolve(work, frame, target)
+        self.resolve(work, frame, target, gathered == Gathered::Mean)
     }
 
     /// Brings the sum of the last layer that ran into the target.
-    fn resolve(&self, work: &mut Recorder, frame: &mut Frame, target: &Target) -> Result<()> {
+    fn resolve(
+        &self,
+        work: &mut Recorder,
+        frame: &mut Frame,
+        target: &Target,
+        mean: bool,
+    ) -> Result<()> {
         let params = gpu_data::Resolve {
             background: target.background.unwrap_or_default(),
             layers: frame.peel.layers,
@@ -331,13 +356,14 @@ impl Raycaster {
         };
         let format = target.colour.texture().format();
         let blend = target.background.is_none();
-        let key = (format, blend);
+        let key = (format, blend, mean);
         if !frame.resolves.contains_key(&key) {
             let peel = &frame.peel;
             let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
             let draw = self
                 .gpu
                 .draw("render/resolve")
+                .constant("MEAN", f64::from(u8::from(mean)))
                 .read(&peel.sums[0])
                 .read(&peel.sums[1])
                 .read(&peel.arguments[0])
@@ -368,11 +394,6 @@ impl Raycaster {
         occluder: Option<&wgpu::TextureView>,
     ) -> Result<Walks> {
         let flag = |on: bool| f64::from(u8::from(on));
-        let mode = match gathered {
-            Gathered::Composite => 0.0,
-            Gathered::Thickness => 1.0,
-            Gathered::Statistics => 2.0,
-        };
         let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
             let sum = &peel.sums[1 - writes];
             let opaque = occluder.unwrap_or(&self.nothing_opaque);
@@ -399,7 +420,7 @@ impl Raycaster {
                 .read(gradients)
                 .constant("LIT", flag(lit))
                 .constant("CELLS", flag(geometry.per_cell))
-                .constant("MODE", mode)
+                .constant("MODE", gathered.code())
                 .constant("TABLE", self.options.table.code())
                 .constant("SAMPLES", self.options.table.samples())
                 .constant("OPAQUE", self.options.opaque)
@@ -424,6 +445,19 @@ impl Raycaster {
                 draw(&peel.keys[1], 1, false)?,
             ],
         })
+    }
+
+    /// As [`Raycaster::view`], of a picture of `gathered`.
+    fn view_of(&self, camera: &Camera, window: Window, gathered: Gathered) -> View {
+        let view = self.view(camera, window);
+        if !gathered.is_projection() {
+            return view;
+        }
+        // Scalars are shares of the range already, and no table is looked up.
+        View {
+            scalar: [1.0, 0.0],
+            ..view
+        }
     }
 
     pub(super) fn view(&self, camera: &Camera, window: Window) -> View {

@@ -1,6 +1,7 @@
 //! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
 
 use super::Scene;
+use super::acting::Actors;
 use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
@@ -125,7 +126,7 @@ impl Scene {
             }
             None => {
                 let mut network = cage.network.clone();
-                if self.material.damping.is_none() && !kind.is_implicit() {
+                if !self.material.says_damping() && !kind.is_implicit() {
                     network.damping_time = 0.0;
                     if let Some((damping, said)) = damping_to_bear(&network, kind) {
                         network.damping_time = damping;
@@ -156,6 +157,8 @@ impl Scene {
             cage: Some(report),
             grid,
             reach: pull.reach,
+            pins: Vec::new(),
+            actors: Actors::default(),
         })
     }
 

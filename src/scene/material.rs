@@ -23,6 +23,9 @@ use std::fmt;
 ///
 /// [material.cartilage]               # every region with "cartilage" in its name
 /// young = 1e6                        # in place of the published value
+///
+/// [material.marrow]
+/// rigid = true                       # of elements: all that touches moves as one body
 /// ```
 ///
 /// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.
@@ -45,6 +48,10 @@ pub struct MaterialEntry {
     pub density: Option<f64>,
     /// Damping κ_d of each spring, in N·s/m.
     pub damping: Option<f64>,
+    /// Damping ratio ζ of a swing of `damping_hz`, of elements; see [`Material::damped`].
+    pub damping_ratio: Option<f64>,
+    /// The frequency at which the body has its `damping_ratio`, Hz.
+    pub damping_hz: Option<f64>,
     /// `axial` or `relative` (the paper's).
     pub damping_kind: Option<String>,
     /// Tissues are made at most this many times stiffer than the softest: implicit steps take
@@ -61,7 +68,7 @@ type Tissues = BTreeMap<String, TissueEntry>;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(
     untagged,
-    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young`, `poisson` and `density`"
+    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young`, `poisson`, `density` and `rigid`"
 )]
 pub enum TissueEntry {
     /// Regions by label or name.
@@ -82,6 +89,10 @@ pub struct TissueTable {
     pub poisson: Option<f64>,
     /// Density in kg/m³.
     pub density: Option<f64>,
+    /// Whether its regions move as rigid bodies: of elements, on the CPU. Such a tissue needs no
+    /// `young`.
+    #[serde(default)]
+    pub rigid: bool,
 }
 
 /// The settings, each with its type; every other key is a tissue. Read by hand, for what serde
@@ -111,6 +122,8 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                         "stiffness_field" => entry.stiffness_field = Some(map.next_value()?),
                         "density" => entry.density = Some(map.next_value()?),
                         "damping" => entry.damping = Some(map.next_value()?),
+                        "damping_ratio" => entry.damping_ratio = Some(map.next_value()?),
+                        "damping_hz" => entry.damping_hz = Some(map.next_value()?),
                         "damping_kind" => entry.damping_kind = map.next_value_seed(Kind)?,
                         "contrast" => entry.contrast = Some(map.next_value()?),
                         _ => {
@@ -118,6 +131,13 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                             entry.tissues.insert(key, tissue);
                         }
                     }
+                }
+                // A flag may name a model yet, where the scene has none.
+                let springs = entry.model == Some(MaterialModel::Springs);
+                if springs || entry.stiffness.is_some() {
+                    entry
+                        .check_rigid(MaterialModel::Springs)
+                        .map_err(A::Error::custom)?;
                 }
                 Ok(entry)
             }
@@ -178,6 +198,17 @@ impl<'de> Deserialize<'de> for MaterialEntry {
 }
 
 impl MaterialEntry {
+    /// Refuses rigid tissues in bodies of springs.
+    fn check_rigid(&self, model: MaterialModel) -> Result<()> {
+        let rigid = self.tissues.iter().find(|(_, tissue)| tissue.is_rigid());
+        match (rigid, model) {
+            (Some((name, _)), MaterialModel::Springs) => Err(Error::Input(format!(
+                "`{name}` is rigid, and springs have no rigid regions: take model = \"neo-hookean\" (or \"corotated\")"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// The material, and in words what each region is made of; what is not said is as in
     /// [`Material::soft_tissue`].
     pub(super) fn material(&self, mesh: &TetMesh) -> Result<(Material, Vec<String>)> {
@@ -204,6 +235,7 @@ impl MaterialEntry {
         if let Some(poisson) = self.poisson {
             material.poisson = poisson;
         }
+        self.check_rigid(material.model)?;
         if let Some(volume) = self.volume {
             material.volume = volume;
         }
@@ -215,6 +247,9 @@ impl MaterialEntry {
             material.damping = damping;
             material.damping_time = 0.0;
         }
+        if let Some((ratio, frequency)) = self.ratio()? {
+            material = material.damped(ratio, frequency);
+        }
         material.damping_kind = match self.damping_kind.as_deref() {
             None => Damping::default(),
             Some("axial") => Damping::Axial,
@@ -225,6 +260,38 @@ impl MaterialEntry {
         };
         let notes = self.add_tissues(mesh, &mut material)?;
         Ok((material, notes))
+    }
+
+    /// Whether damping is said, in whatever way.
+    pub(super) fn says_damping(&self) -> bool {
+        self.damping.is_some() || self.damping_ratio.is_some()
+    }
+
+    /// The damping ratio, and the frequency that has it.
+    fn ratio(&self) -> Result<Option<(f64, f64)>> {
+        let wrong = |why: String| Err(Error::Input(why));
+        let (ratio, frequency) = match (self.damping_ratio, self.damping_hz) {
+            (None, None) => return Ok(None),
+            (Some(ratio), Some(frequency)) => (ratio, frequency),
+            _ => {
+                return wrong("the material has one of `damping_ratio` and `damping_hz`: a damping ratio holds at one frequency; give both, such as damping_ratio = 0.05 and damping_hz = 2".into());
+            }
+        };
+        if self.damping.is_some() {
+            return wrong(
+                "the material has both `damping` and `damping_ratio`; give one of them".into(),
+            );
+        }
+        if self.model.unwrap_or_default() == MaterialModel::Springs {
+            return wrong("a damping ratio is for elements: give model = \"neo-hookean\" (or --material neo-hookean), or `damping` for springs".into());
+        }
+        let sound = ratio >= 0.0 && ratio.is_finite() && frequency > 0.0 && frequency.is_finite();
+        match sound {
+            true => Ok(Some((ratio, frequency))),
+            false => wrong(format!(
+                "a damping ratio of {ratio} at {frequency} Hz makes no sense; give a ratio from 0 on and a positive frequency"
+            )),
+        }
     }
 
     fn add_tissues(&self, mesh: &TetMesh, material: &mut Material) -> Result<Vec<String>> {
@@ -254,6 +321,9 @@ impl MaterialEntry {
                         described(mesh, label)
                     )));
                 }
+                if entry.is_rigid() {
+                    material.rigid.insert(label);
+                }
                 made.push((label, name));
             }
         }
@@ -266,6 +336,13 @@ impl MaterialEntry {
             .iter()
             .map(|(label, name)| {
                 let region = material.regions[label];
+                if material.rigid.contains(label) {
+                    return format!(
+                        "{} is {name}, rigid: {} kg/m³",
+                        described(mesh, *label),
+                        region.density
+                    );
+                }
                 format!(
                     "{} is {name}: {:.3e} Pa,{} {} kg/m³",
                     described(mesh, *label),
@@ -295,11 +372,11 @@ impl MaterialEntry {
             Stiffness::Young(young) if rest => young,
             _ => f64::INFINITY,
         };
-        let softest = material
+        let soft = material
             .regions
-            .values()
-            .map(|r| r.stiffness)
-            .fold(own, f64::min);
+            .iter()
+            .filter(|(l, _)| !material.rigid.contains(l));
+        let softest = soft.map(|(_, r)| r.stiffness).fold(own, f64::min);
         for region in material.regions.values_mut() {
             region.stiffness = region.stiffness.min(contrast * softest);
         }
@@ -311,6 +388,10 @@ impl MaterialEntry {
 }
 
 impl TissueEntry {
+    fn is_rigid(&self) -> bool {
+        matches!(self, TissueEntry::Table(table) if table.rigid)
+    }
+
     /// The labels made of the tissue `name`, and what that is.
     fn resolve(
         &self,
@@ -335,6 +416,14 @@ impl TissueEntry {
             (Err(_), Some(young)) => {
                 let density = entry.density.unwrap_or(default.density);
                 (young, entry.poisson.unwrap_or(default.poisson), density)
+            }
+            // How stiff what is rigid is does not matter.
+            (Err(_), None) if table.rigid => {
+                let density = entry.density.unwrap_or(default.density);
+                let young = entry.young.unwrap_or(match default.stiffness {
+                    Stiffness::Young(e) | Stiffness::Uniform(e) => e,
+                });
+                (young, default.poisson, density)
             }
             (Err(unknown), None) => {
                 return Err(Error::Input(format!(

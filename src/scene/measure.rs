@@ -3,7 +3,7 @@
 use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, texture_loads};
 use crate::physics::{Energy, Engine, MemberReport, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -23,6 +23,8 @@ pub struct StageReport {
     pub tets: usize,
     /// Nodes of the mesh.
     pub nodes: usize,
+    /// Bodies of its tets that are rigid.
+    pub rigid_bodies: usize,
     /// Wall time of a frame, from recording to an idle GPU, everything redrawn: median, ms.
     pub frame_ms: f64,
     /// Frames it is the median of.
@@ -31,6 +33,9 @@ pub struct StageReport {
     pub step_ms: Option<f64>,
     /// Dispatches of one step on the GPU, by shader; empty where the CPU steps.
     pub step_dispatches: BTreeMap<String, u64>,
+    /// Texture loads of each of these: outside of its loops, in a round of them, in one of those
+    /// within.
+    pub step_loads: BTreeMap<String, Vec<u32>>,
     /// GPU time of each pass in one frame (and step), ms; empty where the adapter has no clock.
     pub passes: BTreeMap<String, f64>,
     /// Rays that meet the mesh.
@@ -117,6 +122,8 @@ impl Stage {
         let passes = self.time_passes()?;
         let step_ms = self.time_steps(frames)?;
         let step_dispatches = self.count_step()?;
+        let loads = |name: &String| Ok((name.clone(), texture_loads(name)?));
+        let step_loads = step_dispatches.keys().map(loads).collect::<Result<_>>()?;
         if let Some(motion) = self.motion_mut() {
             motion.let_sleep(sleeps);
         }
@@ -126,10 +133,12 @@ impl Stage {
             bodies: self.motion().map_or_else(Vec::new, Motion::bodies),
             tets: self.mesh().tets.len(),
             nodes: self.mesh().nodes.len(),
+            rigid_bodies: self.motion().map_or(0, Motion::rigid_bodies),
             frame_ms,
             frames,
             step_ms,
             step_dispatches,
+            step_loads,
             passes,
             rays: picture.rays,
             lost_rays: picture.lost_rays,

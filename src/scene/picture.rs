@@ -40,6 +40,9 @@ impl Scene {
     ) -> Result<(Raycaster, Surface)> {
         let (positions, frame) = (nodes.array(), nodes.frame());
         let mut geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
+        if self.picture.range.is_some() {
+            geometry.set_scalars(mesh, seen.scalars(), seen.range)?;
+        }
         let transfer = self.transfer(seen)?;
         let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
             true => SurfaceColour::Field(transfer.clone()),
@@ -112,6 +115,9 @@ impl Scene {
         match self.picture.mode.as_deref() {
             None | Some("composite") => Ok(DisplayMode::Inside(Mode::Composite)),
             Some("thickness") => Ok(DisplayMode::Inside(Mode::Thickness)),
+            Some("mip") => Ok(DisplayMode::Inside(Mode::Maximum)),
+            Some("minip") => Ok(DisplayMode::Inside(Mode::Minimum)),
+            Some("mean") => Ok(DisplayMode::Inside(Mode::Mean)),
             Some("surface") => Ok(DisplayMode::Surface),
             Some("skin") if self.skin.is_empty() => Err(Error::Input(
                 "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),

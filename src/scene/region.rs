@@ -21,6 +21,9 @@ use std::fmt;
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Region {
+    /// What a pin of these nodes is called in files of reactions; `pin1` and so on where nothing is
+    /// said.
+    pub name: Option<String>,
     /// Inside the axis-aligned box between these corners.
     #[serde(rename = "box")]
     pub inside: Option<[[f64; 3]; 2]>,
@@ -72,22 +75,7 @@ impl LabelOrName {
             LabelOrName::Label(label) => return Ok(*label),
             LabelOrName::Name(name) => name,
         };
-        let found = mesh
-            .region_names
-            .iter()
-            .find(|(_, known)| known.eq_ignore_ascii_case(name));
-        found.map(|(label, _)| *label).ok_or_else(|| {
-            let names: Vec<&str> = mesh.region_names.values().map(String::as_str).collect();
-            Error::Input(match names.as_slice() {
-                [] => format!(
-                    "there is no region called \"{name}\": the mesh's regions have no names; give the label, a whole number"
-                ),
-                _ => format!(
-                    "there is no region called \"{name}\"; there are {}",
-                    names.join(", ")
-                ),
-            })
-        })
+        mesh.region_label(name)
     }
 }
 

@@ -10,7 +10,15 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
 /// What a picture shows.
-pub(super) const MODES: [&str; 4] = ["composite", "thickness", "surface", "skin"];
+pub(super) const MODES: [&str; 7] = [
+    "composite",
+    "thickness",
+    "mip",
+    "minip",
+    "mean",
+    "surface",
+    "skin",
+];
 /// How rays go from tet to tet.
 pub(super) const WALKS: [&str; 2] = ["vertices", "planes"];
 /// What is behind the volume.

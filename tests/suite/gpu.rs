@@ -1,6 +1,8 @@
 //! The pass mechanism, on a real adapter (the software one will do; without any, these fail).
 
-use palpate::gpu::{Gpu, GpuStruct, Texel, check_layout, compose, parse, shader_names};
+use palpate::gpu::{
+    Gpu, GpuStruct, Texel, add_shader, check_layout, compose, parse, shader_names, texture_loads,
+};
 use palpate::{Error, gpu_struct};
 
 gpu_struct! {
@@ -189,6 +191,64 @@ fn the_callers_device_is_used_as_it_is() {
     pass.record(&mut palpate::gpu::Recorder::within(&gpu, &mut encoder));
     gpu.queue().submit([encoder.finish()]);
     assert_eq!(gpu.read_array::<[f32; 4]>(&b).unwrap(), vec![[5.0; 4]; 3]);
+}
+
+#[test]
+fn texture_loads_are_counted_within_loops_and_outside() {
+    add_shader(
+        "suite/loads",
+        "
+@group(0) @binding(0) var a: texture_2d<f32>;
+@group(0) @binding(1) var<storage, read_write> out: array<f32>;
+
+fn twice(k: i32) -> f32 {
+    return textureLoad(a, vec2(k, 0), 0).x + textureLoad(a, vec2(k, 1), 0).x;
+}
+
+@compute @workgroup_size(1)
+fn main() {
+    var sum = textureLoad(a, vec2(0, 0), 0).y;
+    for (var k = 0; k < 7; k++) {
+        if k > 3 {
+            sum += twice(k);
+        } else {
+            sum -= textureLoad(a, vec2(k, 2), 0).z;
+        }
+    }
+    out[0] = sum;
+}
+",
+    )
+    .unwrap();
+    assert_eq!(texture_loads("suite/loads").unwrap(), [1, 3]);
+    assert!(texture_loads("suite/nowhere").is_err());
+    // Nodes are a loop of the pass, their springs one within; a term more costs none.
+    let bare = texture_loads("physics/forces springs").unwrap();
+    assert_eq!(bare, texture_loads("physics/forces springs floor").unwrap());
+    assert!(
+        bare[0] == 0 && bare[1] > 0 && bare[2..].iter().sum::<u32>() > 2,
+        "{bare:?}"
+    );
+}
+
+#[test]
+fn what_is_asked_back_arrives_without_waiting() {
+    let gpu = Gpu::new().unwrap();
+    let content: Vec<u32> = (0..5_000).collect();
+    let array = gpu.array_of("asked for", Texel::U32, &content).unwrap();
+    assert!(gpu.ask_array::<[u32; 4]>(&array).is_err());
+    let before = gpu.readbacks();
+    let mut pending = gpu.ask_array::<u32>(&array).unwrap();
+    // Written after it was asked for: not seen.
+    gpu.write_items(&array, 0, &[9u32]).unwrap();
+    let found = (0..10_000).find_map(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        pending.look().unwrap()
+    });
+    assert_eq!(found.unwrap(), content);
+    assert_eq!(gpu.readbacks(), before);
+    assert!(pending.look().is_err());
+    assert_eq!(gpu.read_array::<u32>(&array).unwrap()[0], 9);
 }
 
 #[test]

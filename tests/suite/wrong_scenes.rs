@@ -87,6 +87,21 @@ const WRONG: &[(&str, &str, &[&str])] = &[
         &["`bone`"],
     ),
     (
+        "mesh = {}\n[material]\nmodel = \"springs\"\nbone = { rigid = true }",
+        "line 2, column 1",
+        &["`bone` is rigid", "neo-hookean"],
+    ),
+    (
+        "mesh = {}\n[material]\nbone = { rigid = 1 }",
+        "line 3, column 8",
+        &["`bone`"],
+    ),
+    (
+        "[mesh]\nfile = \"a\"\npart = [[\"femur\"]]",
+        "line 3, column 9",
+        &["2"],
+    ),
+    (
         "mesh = {}\n[solver]\nnam = \"implicit\"",
         "line 3, column 1",
         &["nam", "name"],

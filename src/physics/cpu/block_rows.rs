@@ -175,7 +175,13 @@ impl<T: Real> Rows<T> {
 
     /// Tells the blocks above the diagonal.
     pub fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
-        for (row, i) in self.nodes.clone().enumerate() {
+        self.pairs_of(self.nodes.clone(), visit);
+    }
+
+    /// The same of some rows.
+    pub fn pairs_of(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        for i in nodes.start.max(self.nodes.start)..nodes.end.min(self.nodes.end) {
+            let row = i - self.nodes.start;
             for k in self.diagonal[row] as usize + 1..self.starts[row + 1] as usize {
                 let wide = |c: V4<T>| glam::DVec3::new(c[0].wide(), c[1].wide(), c[2].wide());
                 let [x, y, z] = self.values[k].map(wide);

@@ -4,15 +4,20 @@ use super::element_term::Tets;
 use super::guard::Guard;
 use super::implicit::Implicit;
 use super::loads::{Attachment, Loads, check_attachments};
+use super::muscle::Fibres;
 use super::newton::Minimiser;
 use super::order::Lumps;
 use super::pool::Plan;
+use super::pressure::Pressure;
 use super::real::Real;
+use super::rigid_layout::laid_out;
 use super::rules::Rule;
 use super::springs::Springs;
-use super::terms::Term;
-use super::vectors::{V4, of_metres, to_metres, zero};
-use crate::physics::{ConjugateGradients, SolverKind, SpringNetwork, Units};
+use super::sum::Sources;
+use super::terms::{At, Term};
+use super::tied::Tied;
+use super::vectors::{V4, of_metres, sub, to_metres, weight, zero};
+use crate::physics::{ConjugateGradients, Muscle, SolverKind, SpringNetwork, Units};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
@@ -20,6 +25,9 @@ use std::sync::Arc;
 /// Groups of nodes over the root of their number. The groups' rigid motions are the coarse space:
 /// twice as many take a tenth off the iterations, and make each dearer.
 const GROUPS: f64 = 3.0;
+
+/// Nodes that are led on from within so much of the body's size of where they are do not jump.
+const GOES_ON: f64 = 1e-5;
 
 /// A network of springs stepped on the CPU in numbers of type `T`: f32 for speed, f64 for truth.
 ///
@@ -29,7 +37,7 @@ const GROUPS: f64 = 3.0;
 pub struct CpuBody<T: Real> {
     pub(super) kind: SolverKind,
     pub(super) units: Units,
-    /// Rest positions in the network's order, m.
+    /// Rest positions in the network's order, m; then those of the carriers of rigid bodies.
     pub(super) rest: Vec<DVec3>,
     /// The network's number of the k-th node, and the engine's of each of the network's.
     pub(super) order: Vec<u32>,
@@ -129,9 +137,15 @@ impl<T: Real> CpuBody<T> {
             )));
         }
         let units = Units::of(network);
-        let groups = GROUPS * (nodes as f64).sqrt();
-        let most = (nodes as f64 / groups).ceil() as usize;
-        let Lumps { order, starts } = Lumps::new(&network.rest, most);
+        let most = |nodes: usize| {
+            let groups = GROUPS * (nodes as f64).sqrt();
+            (nodes as f64 / groups).ceil() as usize
+        };
+        let real = nodes;
+        let (network, lumps, rigid) = laid_out(network, kind, &units, most)?;
+        let network = network.as_ref();
+        let (nodes, elements) = (network.rest.len(), &network.elements);
+        let Lumps { order, starts } = lumps;
         let mut place = vec![0u32; nodes];
         for (k, v) in order.iter().enumerate() {
             place[*v as usize] = k as u32;
@@ -164,7 +178,9 @@ impl<T: Real> CpuBody<T> {
                 SolverKind::Midpoint => Rule::Midpoint,
                 _ => Rule::Euler,
             };
-            Minimiser::new(&plan, (newton, rule), damped * units.time)
+            let mut minimiser = Minimiser::new(&plan, (newton, rule), damped * units.time);
+            minimiser.rigid = rigid;
+            minimiser
         });
         let seen = match kind {
             SolverKind::VelocityVerlet => nodes,
@@ -174,8 +190,12 @@ impl<T: Real> CpuBody<T> {
             u: vec![zero(); nodes],
             v: vec![zero(); nodes],
             seen: vec![zero(); seen],
-            f: vec![zero(); nodes],
+            f: vec![zero(); plan.nodes()],
         };
+        let mut implicit = implicit.then(|| Implicit::new(&plan, settings));
+        if let (Some(implicit), Some(newton)) = (&mut implicit, &newton) {
+            implicit.solver.tied = Tied::new(&plan, &newton.rigid);
+        }
         let mut body = CpuBody {
             kind,
             units,
@@ -190,16 +210,16 @@ impl<T: Real> CpuBody<T> {
                 .collect(),
             inverse: vec![T::ZERO; nodes],
             free: vec![T::ZERO; nodes],
-            pinned: vec![false; nodes],
+            pinned: vec![false; real],
             attachments: Vec::new(),
             gravity: DVec3::ZERO,
-            external: vec![DVec3::ZERO; nodes],
+            external: vec![DVec3::ZERO; real],
             loads: Loads::none(nodes),
             terms,
             newton,
             now: motion(),
             next: motion(),
-            implicit: implicit.then(|| Implicit::new(&plan, settings)),
+            implicit,
             guard: Guard::default(),
             start: Start::Restart,
             lag: 0.0,
@@ -219,7 +239,7 @@ impl<T: Real> CpuBody<T> {
 
     /// Number of nodes.
     pub fn node_count(&self) -> usize {
-        self.rest.len()
+        self.pinned.len()
     }
 
     /// In how many chunks its nodes are shared out.
@@ -267,7 +287,15 @@ impl<T: Real> CpuBody<T> {
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.check_vectors("forces", forces)?;
         self.external.copy_from_slice(forces);
-        self.loads.set_forces(forces, &self.order, &self.units);
+        match &self.newton {
+            Some(newton) if !newton.rigid.is_empty() => {
+                let mut all = forces.to_vec();
+                all.resize(self.rest.len(), DVec3::ZERO);
+                newton.rigid.hand_over(&mut all, &self.order);
+                self.loads.set_forces(&all, &self.order, &self.units);
+            }
+            _ => self.loads.set_forces(forces, &self.order, &self.units),
+        }
         self.changed(Start::Resume);
         Ok(())
     }
@@ -284,19 +312,86 @@ impl<T: Real> CpuBody<T> {
         self.attachments.extend_from_slice(attachments);
         let (place, rest, units) = (&self.place, &self.rest, &self.units);
         self.loads.set_draws(attachments, place, rest, units);
+        if let Some(newton) = &mut self.newton {
+            newton.rigid.set_draws(attachments, place, units);
+        }
         if !same_nodes {
             self.free_nodes();
         }
+        let mut goes_on = same_nodes && !attachments.is_empty();
         for a in attachments {
-            if let Attachment::Hold { node, place: to } = *a {
-                let v = node as usize;
-                let k = self.place[v] as usize;
-                self.now.u[k] = of_metres(to - self.rest[v], self.units.length);
-                self.now.v[k] = zero();
-            }
+            let (node, to, velocity) = match *a {
+                Attachment::Hold { node, place } => {
+                    goes_on = false;
+                    (node, place, DVec3::ZERO)
+                }
+                Attachment::Lead {
+                    node,
+                    place,
+                    velocity,
+                } => (node, place, velocity),
+                Attachment::Pull { .. } => {
+                    goes_on = false;
+                    continue;
+                }
+            };
+            let v = node as usize;
+            let k = self.place[v] as usize;
+            let to = of_metres(to - self.rest[v], self.units.length);
+            let off = sub(to, self.now.u[k]);
+            goes_on &= weight(off, off) < GOES_ON * GOES_ON;
+            self.now.u[k] = to;
+            self.now.v[k] = of_metres(velocity, self.units.velocity());
         }
-        self.changed(Start::Restart);
+        self.follow_holds();
+        // Nodes that are led on from where they are change nothing that schemes remember.
+        self.changed(match goes_on {
+            true => Start::Resume,
+            false => Start::Restart,
+        });
         Ok(())
+    }
+
+    /// Which nodes stay, of the network.
+    pub(super) fn staying(&self) -> Vec<bool> {
+        let mut stays = self.pinned.clone();
+        for v in held(&self.attachments) {
+            stays[v as usize] = true;
+        }
+        stays
+    }
+
+    /// Whether nodes are led along.
+    pub(super) fn leads(&self) -> bool {
+        let led = |a: &Attachment| matches!(a, Attachment::Lead { velocity, .. } if *velocity != DVec3::ZERO);
+        self.attachments.iter().any(led)
+    }
+
+    /// Adds pressure on faces, three nodes each, at the level of this number.
+    pub fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize) {
+        let nodes = (&self.place[..], &self.rest[..]);
+        let pressure = Pressure::new(faces, level, nodes, &self.units, &self.plan);
+        self.loads.add_pressure(pressure);
+        self.changed(Start::Resume);
+    }
+
+    /// Adds a muscle of `network`, which this body is, at the level of this number.
+    pub fn add_muscle(
+        &mut self,
+        muscle: &Muscle,
+        level: usize,
+        (network, tets): (&SpringNetwork, &[[u32; 4]]),
+    ) {
+        let with = (&self.place[..], self.units, &*self.plan);
+        let fibres = Fibres::new(muscle, level, (network, tets), with);
+        self.add_term(Box::new(fibres));
+    }
+
+    /// Sets the levels of pressures (Pa) and muscles (activation).
+    pub fn set_levels(&mut self, levels: &[f64]) {
+        self.loads.set_levels(levels);
+        self.terms.iter_mut().for_each(|t| t.set_levels(levels));
+        self.changed(Start::Resume);
     }
 
     fn held(&self) -> impl Iterator<Item = u32> {
@@ -305,21 +400,20 @@ impl<T: Real> CpuBody<T> {
 
     /// Takes note of which nodes stay.
     fn free_nodes(&mut self) {
-        let mut stays = self.pinned.clone();
-        for v in held(&self.attachments) {
-            stays[v as usize] = true;
-        }
+        let stays = self.staying();
         for (k, v) in self.order.iter().enumerate() {
             let m = self.masses[k];
             // A massless node has no equation of motion: it stays.
             let over = T::ONE / m;
-            let free = !stays[*v as usize] && m > T::ZERO && over.wide().is_finite();
+            let stay = stays.get(*v as usize).is_some_and(|stays| *stays);
+            let free = !stay && m > T::ZERO && over.wide().is_finite();
             self.inverse[k] = if free { over } else { T::ZERO };
             self.free[k] = if free { T::ONE } else { T::ZERO };
             if !free {
                 self.now.v[k] = zero();
             }
         }
+        self.free_bodies(&stays);
         if let Some(implicit) = &mut self.implicit {
             implicit.forget_coarse();
             implicit.forget_solutions();
@@ -333,16 +427,39 @@ impl<T: Real> CpuBody<T> {
     /// Positions, m from the frame's origin.
     pub fn positions(&self) -> Vec<DVec3> {
         let nodes = self.rest.iter().zip(&self.place);
-        nodes
+        let mut positions: Vec<DVec3> = nodes
+            .take(self.node_count())
             .map(|(x, k)| *x + to_metres(self.now.u[*k as usize], self.units.length))
-            .collect()
+            .collect();
+        self.show_bodies(&mut positions);
+        positions
     }
 
     /// Velocities, m/s. Of Verlet, which has no other: the mean over the last step.
     pub fn velocities(&self) -> Vec<DVec3> {
-        let places = self.place.iter();
+        let places = self.place.iter().take(self.node_count());
         places
             .map(|k| to_metres(self.now.v[*k as usize], self.units.velocity()))
+            .collect()
+    }
+
+    /// The force on every node where the body stands, N: of terms, with damping, and of loads.
+    pub fn forces(&self) -> Vec<DVec3> {
+        let mut forces = vec![zero(); self.node_count()];
+        let sources = Sources {
+            plan: &self.plan,
+            masses: &self.masses,
+            loads: &self.loads,
+            terms: &self.terms,
+        };
+        let at = At {
+            u: &self.now.u,
+            v: &self.now.v,
+        };
+        self.plan.enter(|| sources.forces(at, &mut forces));
+        let places = self.place.iter();
+        places
+            .map(|k| to_metres(forces[*k as usize], self.units.force()))
             .collect()
     }
 
@@ -357,12 +474,17 @@ impl<T: Real> CpuBody<T> {
         let units = self.units;
         for (k, v) in self.order.iter().enumerate() {
             let v = *v as usize;
-            self.now.u[k] = of_metres(positions[v] - self.rest[v], units.length);
+            // What is no node of the network is one of a rigid body's own.
+            let Some(position) = positions.get(v) else {
+                continue;
+            };
+            self.now.u[k] = of_metres(*position - self.rest[v], units.length);
             self.now.v[k] = match self.free[k] > T::ZERO {
                 true => of_metres(velocities[v], units.velocity()),
                 false => zero(),
             };
         }
+        self.fit_bodies(positions, velocities);
         self.changed(Start::Restart);
         Ok(())
     }
@@ -390,7 +512,7 @@ impl<T: Real> CpuBody<T> {
 
 fn held(attachments: &[Attachment]) -> impl Iterator<Item = u32> {
     attachments.iter().filter_map(|a| match a {
-        Attachment::Hold { node, .. } => Some(*node),
+        Attachment::Hold { node, .. } | Attachment::Lead { node, .. } => Some(*node),
         Attachment::Pull { .. } => None,
     })
 }

@@ -7,6 +7,7 @@ use super::pool::{Groups, Nodes, Plan};
 use super::real::Real;
 use super::sum::dot;
 use super::terms::Term;
+use super::tied::Tied;
 use super::vectors::{Columns, V4, add, add_scaled, scale, total, zero};
 
 /// The matrix A.
@@ -68,7 +69,7 @@ pub struct Outcome {
 }
 
 /// The vectors of conjugate gradients, and the solutions of the last two systems.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Solver<T> {
     /// The inverse diagonal blocks; zero for nodes that stay.
     pub inverse: Vec<Columns<T>>,
@@ -87,6 +88,8 @@ pub struct Solver<T> {
     other: Vec<V4<T>>,
     motions: Vec<V8<T>>,
     forces: Vec<V8<T>>,
+    /// Nodes that move together.
+    pub tied: Tied<T>,
 }
 
 impl<T: Real> Solver<T> {
@@ -105,6 +108,7 @@ impl<T: Real> Solver<T> {
             other: vector(),
             motions: vec![[T::ZERO; 8]; plan.groups()],
             forces: vec![[T::ZERO; 8]; plan.groups()],
+            tied: Tied::none(),
         }
     }
 
@@ -236,9 +240,11 @@ impl<T: Real> Solver<T> {
         self.product.fill(zero());
     }
 
-    /// x += α p, r −= α A p, and the forces that the coarse space sees. Returns rᵀD⁻¹r.
+    /// x += α p, r −= α A p, and the forces that the coarse space and tied nodes see. Returns
+    /// rᵀD⁻¹r, D having the blocks of tied nodes too.
     fn descend(&mut self, plan: &Plan, coarse: Option<&Coarse<T>>, alpha: T) -> f64 {
         let (p, q, inverse) = (&self.direction, &self.product, &self.inverse);
+        let tied = &self.tied;
         let data = (
             Nodes(&mut self.solution),
             Nodes(&mut self.residual),
@@ -266,7 +272,10 @@ impl<T: Real> Solver<T> {
                     lanes = lanes + smooth * rest;
                 }
                 sum += total(T::array(lanes));
-                if let Some(coarse) = coarse {
+                if let Some(body) = tied.of(g) {
+                    *force = body.restrict(|n| r[n]);
+                    sum += body.weigh(force);
+                } else if let Some(coarse) = coarse {
                     *force = coarse.restrict(first, r);
                 }
             }
@@ -275,12 +284,15 @@ impl<T: Real> Solver<T> {
         sum
     }
 
-    /// The coarse space's answer to the forces it sees, and its part of r·z.
+    /// The answers of the coarse space and of tied nodes to the forces they see. Returns the part of
+    /// r·z that is not in rᵀD⁻¹r: the coarse space's.
     fn correct(&mut self, coarse: &mut Option<&mut Coarse<T>>) -> f64 {
         let Some(coarse) = coarse else {
+            self.tied.answer(&self.forces, &mut self.motions, false);
             return 0.0;
         };
         self.motions.copy_from_slice(&self.forces);
+        self.tied.leave_out(&mut self.motions);
         coarse.solve(&mut self.motions);
         let mut sum = 0.0;
         for (f, m) in self.forces.iter().zip(&self.motions) {
@@ -288,12 +300,13 @@ impl<T: Real> Solver<T> {
                 sum += (f[k] * m[k]).wide();
             }
         }
+        self.tied.answer(&self.forces, &mut self.motions, true);
         sum
     }
 
     /// p = z + β p.
     fn turn(&mut self, plan: &Plan, coarse: Option<&Coarse<T>>, beta: T) {
-        let (smoothed, motions) = (&self.smoothed, &self.motions);
+        let (smoothed, motions, tied) = (&self.smoothed, &self.motions, &self.tied);
         plan.each(
             (Nodes(&mut self.direction), ()),
             &|chunk, nodes, (p, ())| {
@@ -301,6 +314,10 @@ impl<T: Real> Solver<T> {
                     let here = plan.group(g);
                     let p = &mut p.0[here.start - nodes.start..here.end - nodes.start];
                     let (z, first) = (&smoothed[here.clone()], here.start);
+                    if let Some(body) = tied.of(g) {
+                        body.turn(&motions[g], beta, p);
+                        continue;
+                    }
                     match coarse {
                         None => {
                             for (p, z) in p.iter_mut().zip(z) {

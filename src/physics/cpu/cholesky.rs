@@ -268,7 +268,7 @@ fn times_transposed(a: &Block, b: &Block) -> Block {
 }
 
 /// L⁻¹ of a = L Lᵀ.
-fn inverse_factor(a: &Block) -> Option<Block> {
+pub(super) fn inverse_factor(a: &Block) -> Option<Block> {
     let mut l = *a;
     for k in 0..N {
         for j in 0..k {

@@ -8,6 +8,7 @@ use super::cholesky::{Block, Cholesky, V8};
 use super::pool::Plan;
 use super::real::Real;
 use super::terms::Term;
+use super::tied::Tied;
 use super::vectors::{Symmetric, V4, add};
 use glam::{DMat3, DVec3};
 
@@ -63,7 +64,8 @@ impl<T: Real> Coarse<T> {
     }
 
     /// Makes the matrix and its factor, of the system that `terms` were linearised to. `points`
-    /// are the nodes' positions, `free` says which of them move.
+    /// are the nodes' positions, `free` says which of them move; a body that is `tied` is a group
+    /// whose motions are its own.
     pub fn build(
         &mut self,
         plan: &Plan,
@@ -71,10 +73,19 @@ impl<T: Real> Coarse<T> {
         free: impl Fn(usize) -> bool,
         diagonal: &[Symmetric<T>],
         terms: &[Box<dyn Term<T>>],
+        tied: &Tied<T>,
     ) {
         for g in 0..plan.groups() {
             let first = plan.group(g).start;
             let arms = &mut self.arms[plan.group(g)];
+            if let Some(body) = tied.of(g) {
+                // One that is held somewhere has not all of these motions.
+                match body.free() {
+                    true => arms.copy_from_slice(body.arms()),
+                    false => arms.fill([T::ZERO; 4]),
+                }
+                continue;
+            }
             let count = arms.len();
             let nodes = || (first..first + count).filter(|i| free(*i));
             let count = nodes().count().max(1) as f64;
@@ -194,7 +205,13 @@ fn cross<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
 }
 
 /// Adds P_iᵀ m P_j, or its transpose, to a block: P = w [I, −[a]×].
-fn project<T: Real>(m: &DMat3, i: &V4<T>, j: &V4<T>, block: &mut Block, transposed: bool) {
+pub(super) fn project<T: Real>(
+    m: &DMat3,
+    i: &V4<T>,
+    j: &V4<T>,
+    block: &mut Block,
+    transposed: bool,
+) {
     let [a, b] = [i, j].map(|v| DVec3::new(v[0].wide(), v[1].wide(), v[2].wide()));
     let [wa, wb] = [i, j].map(|v| v[3].wide());
     let columns = [

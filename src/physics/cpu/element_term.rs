@@ -14,6 +14,7 @@ use super::terms::{At, Share, Term};
 use super::vectors::{Columns, V4, scale, sub, total, zero};
 use crate::physics::{Elements, Law, SpringNetwork, Units};
 use glam::{DMat3, DVec3};
+use std::ops::Range;
 
 /// Tets of a chunk, four at a time.
 #[derive(Clone, Debug, Default)]
@@ -439,6 +440,17 @@ impl<T: Real> Term<T> for Tets<T> {
             if let Some(volumes) = &chunk.volumes {
                 volumes.pairs(visit);
             }
+        }
+    }
+
+    fn pairs_within(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        let inside = nodes.end as u32;
+        for chunk in &self.chunks {
+            chunk.rows.pairs_of(nodes.clone(), &mut |[i, j], m| {
+                if j < inside {
+                    visit([i, j], m);
+                }
+            });
         }
     }
 }

@@ -4,8 +4,10 @@ use super::implicit::Scene;
 use super::newton::Outside;
 use super::pool::Nodes;
 use super::real::Real;
+use super::rigid::RigidBodies;
+use super::rigid_pose::narrow;
 use super::rules::Form;
-use super::vectors::{V4, add_scaled, scale, zero};
+use super::vectors::{V4, add, add_scaled, scale, sub, zero};
 
 /// A displacement to start from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +59,7 @@ impl<T: Real> Guesses<T> {
         outside: Outside<'_, T>,
         history: Option<&[Vec<V4<T>>; 2]>,
         form: Form,
+        rigid: &RigidBodies,
     ) {
         self.known = history.is_some() && form.bend > 0.0;
         self.reach = T::of(form.reach);
@@ -72,7 +75,12 @@ impl<T: Real> Guesses<T> {
             .each(data, &|chunk, nodes, (goal, base, curved)| {
                 let (masses, u) = (scene.masses, scene.at.u);
                 outside.loads.put(scene.plan, chunk, masses, u, goal.0);
-                for (n, i) in nodes.enumerate() {
+                for (b, body) in rigid.bodies.iter().enumerate() {
+                    if nodes.contains(&body.nodes.start) {
+                        rigid.load(b, nodes.start, goal.0);
+                    }
+                }
+                for (n, i) in nodes.clone().enumerate() {
                     let mut v = scene.at.v[i];
                     base.0[n] = zero();
                     if let Some([change, moved]) = history {
@@ -83,6 +91,16 @@ impl<T: Real> Guesses<T> {
                     let by = scale(gamma, scale(outside.inverse[i], goal.0[n]));
                     let faster = add_scaled(v, T::ONE, by);
                     goal.0[n] = add_scaled(base.0[n], gamma, faster);
+                }
+                for (b, body) in rigid.bodies.iter().enumerate() {
+                    if rigid.midpoint && nodes.contains(&body.nodes.start) {
+                        let places = rigid.aim(b, form.gamma, scene.at.v);
+                        for (i, place) in body.carriers().zip(places) {
+                            let goal = &mut goal.0[i - nodes.start];
+                            let straight = scale(gamma, scene.at.v[i]);
+                            *goal = add(sub(*goal, straight), narrow(place));
+                        }
+                    }
                 }
                 []
             });

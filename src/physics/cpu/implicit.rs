@@ -6,6 +6,7 @@ use super::coarse::Coarse;
 use super::pool::{Nodes, Plan};
 use super::real::Real;
 use super::terms::{At, Share, Term};
+use super::tied::Tied;
 use super::vectors::{Columns, Symmetric, V4, add_scaled, apply, inverse, scale, total, zero};
 use crate::physics::ConjugateGradients;
 use glam::DVec3;
@@ -19,8 +20,13 @@ const KEPT: u32 = 30;
 const GROWTH: f64 = 1.3;
 const SPARE: u32 = 3;
 
-/// Blocks, inverse blocks and residual of every node.
-type Diagonal<'a, T> = (&'a [Symmetric<T>], &'a mut [Columns<T>], &'a [V4<T>]);
+/// Blocks, inverse blocks and residual of every node, and those that are tied.
+type Diagonal<'a, T> = (
+    &'a [Symmetric<T>],
+    &'a mut [Columns<T>],
+    &'a [V4<T>],
+    &'a mut Tied<T>,
+);
 
 /// The system of a step and its solver.
 #[derive(Clone, Debug)]
@@ -55,6 +61,8 @@ pub struct Basis<T> {
     pub lagged: Vec<V4<T>>,
     /// And solves left for which blocks are projected.
     pub left: u32,
+    /// And where the rigid bodies were.
+    pub poses: Vec<[f64; 7]>,
 }
 
 /// What a step goes by.
@@ -115,6 +123,7 @@ impl<T: Real> Implicit<T> {
             };
             let h = self.basis.h;
             self.linearise(scene, terms, at, h);
+            self.solver.tied.build(&self.diagonal, terms);
             self.build(scene, terms, &u);
             self.basis.u = u;
         }
@@ -156,9 +165,7 @@ impl<T: Real> Implicit<T> {
         u: &[V4<T>],
         h: T,
     ) -> bool {
-        let basis = &self.basis;
-        let slow = f64::from(basis.last) > GROWTH * f64::from(basis.first) + f64::from(SPARE);
-        let due = basis.h != h || basis.age >= KEPT || slow;
+        let due = self.due(h);
         if due {
             self.basis.h = h;
             self.basis.age = 0;
@@ -168,15 +175,35 @@ impl<T: Real> Implicit<T> {
         due
     }
 
+    /// Whether a coarse space is due to be made anew for steps of length `h`.
+    fn due(&self, h: T) -> bool {
+        let basis = &self.basis;
+        let slow = f64::from(basis.last) > GROWTH * f64::from(basis.first) + f64::from(SPARE);
+        basis.h != h || basis.age >= KEPT || slow
+    }
+
+    /// Makes the blocks of rigid bodies anew where they are due, of what was linearised.
+    pub(super) fn refresh_tied(&mut self, terms: &[Box<dyn Term<T>>], h: T) {
+        if self.due(h) {
+            self.solver.tied.build(&self.diagonal, terms);
+        }
+    }
+
     /// Whether there is a coarse space to solve with.
     pub(super) fn has_coarse(&self) -> bool {
         self.coarse.as_ref().is_some_and(Coarse::ready)
     }
 
-    /// The diagonal blocks, with the inverse blocks to be made of them, and the residual.
+    /// The diagonal blocks, with the inverse blocks to be made of them, the residual, and what is
+    /// tied.
     pub(super) fn diagonal(&mut self) -> Diagonal<'_, T> {
         let solver = &mut self.solver;
-        (&self.diagonal, &mut solver.inverse, &solver.residual)
+        (
+            &self.diagonal,
+            &mut solver.inverse,
+            &solver.residual,
+            &mut solver.tied,
+        )
     }
 
     /// Takes note of how the coarse space did.
@@ -268,6 +295,7 @@ impl<T: Real> Implicit<T> {
             )
         };
         let free = |i: usize| scene.free[i] != T::ZERO;
-        coarse.build(scene.plan, point, free, &self.diagonal, terms);
+        let tied = &self.solver.tied;
+        coarse.build(scene.plan, point, free, &self.diagonal, terms, tied);
     }
 }

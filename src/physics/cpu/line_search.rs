@@ -25,17 +25,20 @@ impl<T: Real> Minimiser<T> {
         gain: f64,
     ) -> Option<(f64, f64)> {
         let direction = &implicit.solver.solution;
+        self.rigid.read_directions(direction);
         let (before, slack) = (self.best.total(), self.best.slack());
         let mut length = 1.0;
         while length >= SHORTEST {
             let step = T::of(length);
-            let (from, trial) = (&self.best.delta, &mut self.trial);
+            self.rigid.go(length);
+            let (from, trial, rigid) = (&self.best.delta, &mut self.trial, &self.rigid);
             let at = |i: usize| add_scaled(from[i], step, direction[i]);
-            trial.put(scene, &self.guesses, (form, self.mass_damping), at);
+            trial.put(scene, &self.guesses, (form, self.mass_damping), rigid, at);
             trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
             let fall = before - trial.total();
             if fall >= ENOUGH * length * gain - slack {
                 std::mem::swap(&mut self.best, &mut self.trial);
+                self.rigid.accept();
                 return Some((length, fall));
             }
             // The minimum of the parabola through both ends, with the slope at the first.

@@ -1,10 +1,13 @@
 //! Bodies stepped on the CPU by threads, generic over f32 and f64; nodes in the order of a
 //! recursive bisection, so that those of one group lie together in space and in memory.
 
+#[cfg(test)]
+mod acting_tests;
 mod block_rows;
 mod body;
 mod cg;
 mod cholesky;
+mod closest_rotation;
 mod coarse;
 mod element_batches;
 mod element_kernels;
@@ -23,7 +26,9 @@ mod implicit;
 mod lanes;
 mod line_search;
 mod loads;
+mod muscle;
 mod newton;
+mod newton_residual;
 mod newton_step;
 #[cfg(test)]
 mod newton_tests;
@@ -39,7 +44,16 @@ mod pool;
 mod pose;
 mod potential;
 mod preconditioner;
+mod pressure;
 mod real;
+mod rigid;
+mod rigid_body;
+mod rigid_layout;
+mod rigid_loads;
+mod rigid_midpoint;
+mod rigid_pose;
+#[cfg(test)]
+mod rigid_tests;
 mod rules;
 mod sending;
 mod simulator;
@@ -51,6 +65,7 @@ mod sum;
 mod terms;
 #[cfg(test)]
 mod tests;
+mod tied;
 mod vectors;
 mod worker;
 

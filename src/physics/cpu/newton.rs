@@ -17,9 +17,11 @@ use super::loads::Loads;
 use super::pool::{Nodes, Plan};
 use super::potential::Trial;
 use super::real::Real;
+use super::rigid::RigidBodies;
+use super::rigid_pose::Pose;
 use super::rules::{Form, Rule};
 use super::terms::{At, Term};
-use super::vectors::{V4, add_scaled, apply, scale, sub, weight, zero};
+use super::vectors::{V4, add_scaled, scale, sub, zero};
 use crate::physics;
 
 /// Solves for which blocks are projected once exact ones failed.
@@ -48,6 +50,8 @@ pub struct Minimiser<T> {
     /// What damping is taken at.
     pub(super) lagged: Vec<V4<T>>,
     pub(super) forces: Vec<V4<T>>,
+    /// What of the body is rigid.
+    pub(super) rigid: RigidBodies,
 }
 
 /// What a step starts from besides the state.
@@ -91,6 +95,7 @@ impl<T: Real> Minimiser<T> {
             trial: Trial::new(nodes),
             lagged: Vec::new(),
             forces: vec![zero(); nodes],
+            rigid: RigidBodies::default(),
         }
     }
 
@@ -118,7 +123,13 @@ impl<T: Real> Minimiser<T> {
         self.lag(scene, terms, form);
         let known = &implicit.solver.known;
         let history = (implicit.solver.count == 2).then_some(known);
-        self.guesses.prepare(scene, outside, history, form);
+        self.rigid.midpoint = self.rule == Rule::Midpoint;
+        if outside.last == 0.0 {
+            self.rigid.restart();
+        }
+        self.rigid.draw();
+        let rigid = &self.rigid;
+        self.guesses.prepare(scene, outside, history, form, rigid);
         if !self.start(scene, terms, form) {
             return None;
         }
@@ -173,7 +184,10 @@ impl<T: Real> Minimiser<T> {
         (h, last): (f64, f64),
         next: (&mut [V4<T>], &mut [V4<T>]),
     ) {
-        let stride = T::of(self.form(implicit, h, last).stride);
+        let form = self.form(implicit, h, last);
+        let stride = T::of(form.stride);
+        let (u, v) = next;
+        let next = (&mut *u, &mut *v);
         let Trial { delta, speed, .. } = &mut self.best;
         let data = (Nodes(next.0), Nodes(next.1), Nodes(delta), Nodes(speed));
         scene.plan.each(data, &|_, nodes, (u, v, by, faster)| {
@@ -188,6 +202,15 @@ impl<T: Real> Minimiser<T> {
             }
             []
         });
+        let rigid = &mut self.rigid;
+        if rigid.midpoint {
+            rigid.reflect(form.gamma, scene.at.v, v);
+        } else {
+            for b in 0..rigid.bodies.len() {
+                rigid.carry(b, false, v);
+            }
+        }
+        rigid.put(&rigid.best, u);
     }
 
     /// Keeps the changes of velocity and displacement of the step that was finished.
@@ -196,6 +219,7 @@ impl<T: Real> Minimiser<T> {
         std::mem::swap(change, &mut self.best.speed);
         std::mem::swap(moved, &mut self.best.delta);
         implicit.solver.count = 2;
+        self.rigid.keep();
     }
 
     fn weigh_masses(&mut self, scene: &Scene<'_, T>, gamma: f64) {
@@ -233,7 +257,11 @@ impl<T: Real> Minimiser<T> {
             }
             let (guesses, trial) = (&self.guesses, &mut self.trial);
             let at = |i: usize| guesses.at(guess, scene, i);
-            trial.put(scene, guesses, (form, self.mass_damping), at);
+            match guess {
+                Guess::Still => self.rigid.stay(),
+                _ => self.rigid.guess(at),
+            }
+            trial.put(scene, guesses, (form, self.mass_damping), &self.rigid, at);
             // E is hardly ever negative: one that is too far off already is not looked at.
             if found && trial.inertia >= self.best.total() {
                 continue;
@@ -242,52 +270,11 @@ impl<T: Real> Minimiser<T> {
             let total = trial.total();
             if total.is_finite() && (!found || total < self.best.total()) {
                 std::mem::swap(&mut self.best, &mut self.trial);
+                self.rigid.accept();
                 found = true;
             }
         }
         found
-    }
-
-    /// Puts γ² times the slope of −Φ into the residual of the solver. Returns the square of what
-    /// it is measured by: γ² times the forces, or the momentum they change.
-    fn residual(
-        &mut self,
-        implicit: &mut Implicit<T>,
-        scene: &Scene<'_, T>,
-        terms: &[Box<dyn Term<T>>],
-        form: Form,
-    ) -> f64 {
-        let square = T::of(form.gamma * form.gamma);
-        let heavier = T::of(self.mass_damping * form.gamma);
-        let (best, guesses, lagged) = (&self.best, &self.guesses, &self.lagged);
-        let inverses = &implicit.solver.inverse;
-        let data = (Nodes(&mut implicit.solver.residual), ());
-        let [pull, push] = scene.plan.each(data, &|chunk, nodes, (b, ())| {
-            b.0.fill(zero());
-            for term in terms {
-                term.elastic(chunk, &best.place, b.0);
-                if term.damped() {
-                    let at = At {
-                        u: lagged,
-                        v: &best.speed,
-                    };
-                    term.resist(chunk, at, b.0);
-                }
-            }
-            let (mut pull, mut push) = (0.0, 0.0);
-            for (n, i) in nodes.enumerate() {
-                let (m, free) = (scene.masses[i], scene.free[i]);
-                let force = scale(free * square, b.0[n]);
-                let goal = scale(free * m, guesses.goal(i));
-                pull += weight(force, apply(&inverses[i], force));
-                push += weight(goal, apply(&inverses[i], goal));
-                let off = scale(m, sub(best.delta[i], guesses.goal(i)));
-                let drag = scale(heavier * m, sub(best.delta[i], guesses.base(i)));
-                b.0[n] = scale(free, sub(sub(scale(square, b.0[n]), off), drag));
-            }
-            [pull, push]
-        });
-        pull.max(push)
     }
 
     /// Solves for the direction. `None` where there is nothing to solve.
@@ -316,6 +303,7 @@ impl<T: Real> Minimiser<T> {
                 v: &self.best.speed,
             };
             implicit.linearise(&heavier, terms, at, gamma);
+            implicit.refresh_tied(terms, gamma);
             let (start, weight, definite) = implicit.precondition(&heavier);
             let floor = weight * T::NEGLIGIBLE * T::NEGLIGIBLE;
             if definite && start <= floor {
@@ -325,6 +313,9 @@ impl<T: Real> Minimiser<T> {
                 if implicit.refresh(&heavier, terms, &self.best.place, gamma) {
                     implicit.basis.projected = projected;
                     implicit.basis.lagged.clone_from(&self.lagged);
+                    implicit.basis.poses.clear();
+                    let poses = self.rigid.best.iter().map(Pose::numbers);
+                    implicit.basis.poses.extend(poses);
                 }
                 let matrix = Matrix {
                     plan: scene.plan,
@@ -383,6 +374,8 @@ impl<T: Real> Minimiser<T> {
             masses: &self.masses,
             ..*scene
         };
+        let poses: Vec<Pose> = basis.poses.iter().map(|p| Pose::of_numbers(*p)).collect();
+        implicit.solver.tied.pose(&self.rigid, &poses);
         implicit.resume(&heavier, terms, basis);
     }
 }

@@ -27,13 +27,17 @@ impl<T: Real> NodeTerms<T> {
         network: &SpringNetwork,
         (order, units, plan): (&[u32], Units, &Plan),
     ) -> Self {
-        let of = |v: &u32| *v as usize;
+        // What lies inside rigid bodies is beyond the plan; their carriers are no nodes of the
+        // network, and have no mass here.
+        let order = &order[..plan.nodes()];
+        let rest = |v: &u32| network.rest.get(*v as usize).copied().unwrap_or_default();
+        let mass = |v: &u32| network.masses.get(*v as usize).copied().unwrap_or_default();
         NodeTerms {
             term,
             units,
             first: (0..plan.chunks()).map(|c| plan.range(c).start).collect(),
-            rest: order.iter().map(|v| network.rest[of(v)]).collect(),
-            masses: order.iter().map(|v| network.masses[of(v)]).collect(),
+            rest: order.iter().map(rest).collect(),
+            masses: order.iter().map(mass).collect(),
             blocks: vec![[T::ZERO; 8]; order.len()],
         }
     }

@@ -5,10 +5,16 @@ use super::real::Real;
 use crate::{Error, Result};
 
 impl<T: Real> CpuBody<T> {
-    /// Displacements of the nodes from their rest, in local units and the engine's order.
+    /// Displacements of the nodes from their rest, in local units and the engine's order; then three
+    /// lines a rigid body: its shift, and the four numbers of its turn.
     pub fn displacements(&self) -> Vec<[f64; 3]> {
         let own = |u: &[T; 4]| [u[0], u[1], u[2]].map(Real::wide);
-        self.now.u.iter().map(own).collect()
+        let rigid = self.newton.as_ref().map(|n| n.rigid.now.as_slice());
+        let poses = rigid.unwrap_or_default().iter().flat_map(|pose| {
+            let [a, b, c, x, y, z, w] = pose.numbers();
+            [[a, b, c], [x, y, z], [w, 0.0, 0.0]]
+        });
+        self.now.u.iter().map(own).chain(poses).collect()
     }
 
     /// Puts the nodes where [`CpuBody::displacements`] found them. Schemes begin afresh.
@@ -16,7 +22,9 @@ impl<T: Real> CpuBody<T> {
     /// # Errors
     /// [`Error::Input`] for those of another body.
     pub fn set_displacements(&mut self, displacements: &[[f64; 3]]) -> Result<()> {
-        if displacements.len() != self.node_count() {
+        let bodies = self.newton.as_ref().map_or(0, |n| n.rigid.bodies.len());
+        let slots = self.now.u.len();
+        if displacements.len() != slots + 3 * bodies {
             return Err(Error::Input(format!(
                 "the pose of {} nodes does not fit a body of {}",
                 displacements.len(),
@@ -25,6 +33,12 @@ impl<T: Real> CpuBody<T> {
         }
         for (u, [x, y, z]) in self.now.u.iter_mut().zip(displacements) {
             *u = [*x, *y, *z, 0.0].map(T::of);
+        }
+        if let Some(newton) = &mut self.newton {
+            let poses = displacements[slots..].as_chunks::<3>().0;
+            for (pose, [[a, b, c], [x, y, z], [w, ..]]) in newton.rigid.now.iter_mut().zip(poses) {
+                *pose = super::rigid_pose::Pose::of_numbers([*a, *b, *c, *x, *y, *z, *w]);
+            }
         }
         self.changed(Start::Restart);
         Ok(())

@@ -8,6 +8,7 @@ use super::body::{CpuBody, Start};
 use super::guard::Guard;
 use super::implicit::{Basis, Scene};
 use super::real::Real;
+use super::rigid_pose::Pose;
 use super::terms::At;
 use super::vectors::V4;
 use crate::{Error, Result};
@@ -32,6 +33,10 @@ pub(super) struct BodyState<T> {
     pub lag: f64,
     /// Steps taken.
     pub steps: u64,
+    /// Where rigid bodies are: shift and turn.
+    pub poses: Vec<[f64; 7]>,
+    /// And the torque on each in the last step, of the midpoint rule.
+    pub torques: Vec<[f64; 3]>,
     /// Whether forces are as old as the state, only older than what acts, or of no use.
     pub begin: u8,
 }
@@ -52,6 +57,12 @@ impl<T: Real> CpuBody<T> {
             guard: self.guard,
             lag: self.lag,
             steps: self.steps,
+            poses: self.newton.as_ref().map_or(Vec::new(), |n| {
+                n.rigid.now.iter().map(Pose::numbers).collect()
+            }),
+            torques: self.newton.as_ref().map_or(Vec::new(), |n| {
+                n.rigid.torques.iter().map(|t| t.to_array()).collect()
+            }),
             begin: match self.start {
                 Start::Ready => 0,
                 Start::Resume => 1,
@@ -66,9 +77,12 @@ impl<T: Real> CpuBody<T> {
     /// # Errors
     /// [`Error::Input`] for the state of another body.
     pub fn resume(&mut self, state: &BodyState<T>) -> Result<()> {
-        let nodes = self.node_count();
-        let fits = state.u.len() == nodes
-            && state.v.len() == nodes
+        let (slots, nodes) = (self.now.u.len(), self.plan.nodes());
+        let bodies = self.newton.as_ref().map_or(0, |n| n.rigid.bodies.len());
+        let fits = state.u.len() == slots
+            && state.v.len() == slots
+            && state.poses.len() == bodies
+            && state.torques.len() == bodies
             && state.seen.len() == self.now.seen.len()
             && state.solutions.len() <= 2
             && state.solutions.iter().all(|s| s.len() == nodes)
@@ -77,7 +91,11 @@ impl<T: Real> CpuBody<T> {
             && state
                 .basis
                 .as_ref()
-                .is_none_or(|b| [0, nodes].contains(&b.lagged.len()))
+                .is_none_or(|b| [0, slots].contains(&b.lagged.len()))
+            && state
+                .basis
+                .as_ref()
+                .is_none_or(|b| [0, bodies].contains(&b.poses.len()))
             && state.begin <= 2;
         if !fits {
             return Err(Error::Input(
@@ -90,6 +108,14 @@ impl<T: Real> CpuBody<T> {
         self.guard = state.guard;
         self.lag = state.lag;
         self.steps = state.steps;
+        if let Some(newton) = &mut self.newton {
+            for (pose, numbers) in newton.rigid.now.iter_mut().zip(&state.poses) {
+                *pose = Pose::of_numbers(*numbers);
+            }
+            for (torque, numbers) in newton.rigid.torques.iter_mut().zip(&state.torques) {
+                *torque = (*numbers).into();
+            }
+        }
         // Forces are made anew in any case, from the same numbers.
         self.start = match state.begin {
             2 => Start::Restart,

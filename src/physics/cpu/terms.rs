@@ -4,6 +4,7 @@ use super::pool::Plan;
 use super::real::Real;
 use super::vectors::{Symmetric, V4};
 use glam::DMat3;
+use std::ops::Range;
 
 /// The state that forces are taken at, in local units and the engine's order.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +58,9 @@ pub trait Term<T: Real>: Send + Sync {
         0.0
     }
 
+    /// Takes the level that the term acts at, if it has one, from among all.
+    fn set_levels(&mut self, _: &[f64]) {}
+
     /// Says whether the stiffness is to be linearised without what is not positive semidefinite;
     /// terms that never have any of that ignore it.
     fn project(&mut self, _: bool) {}
@@ -73,4 +77,13 @@ pub trait Term<T: Real>: Send + Sync {
     /// Tells every block A_ij with i < j, as last linearised, once or in parts: what a coarse
     /// space is built from. The blocks on the diagonal are those of [`Share::diagonal`].
     fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3));
+
+    /// [`Term::pairs`] of which both nodes are among these, which are all in one chunk.
+    fn pairs_within(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        self.pairs(&mut |pair, m| {
+            if pair.iter().all(|i| nodes.contains(&(*i as usize))) {
+                visit(pair, m);
+            }
+        });
+    }
 }

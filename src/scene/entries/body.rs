@@ -3,6 +3,7 @@
 use super::ForceEntry;
 use crate::mesher::{Length, Window};
 use crate::physics::EngineChoice;
+use crate::scene::LabelOrName;
 use crate::scene::{CageEntry, MaterialEntry, Region, words};
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer};
@@ -46,6 +47,10 @@ pub struct MeshSource {
     pub grading: Option<f64>,
     /// Pieces of regions of less volume are given to what surrounds them.
     pub min_island: Option<f64>,
+    /// Pairs of regions that are parted where they meet, by name or label: each gets nodes of its
+    /// own there. A third region that meets both stays with the first.
+    #[serde(default)]
+    pub part: Vec<[LabelOrName; 2]>,
     /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
     /// file says by default, or else `m`.
     #[serde(default, deserialize_with = "words::unit")]

@@ -47,6 +47,49 @@ fn a_segmentation_becomes_a_mesh_with_named_regions() {
 }
 
 #[test]
+fn regions_are_parted() {
+    let folder = folder("mesh_part");
+    let made = |name: &str, part: &[&str]| {
+        let mesh = folder.join(name);
+        let knee = shipped("knee.nrrd");
+        let all = ["mesh", &knee, "--labels", "all", "--tets", "6000", "--out"];
+        let output = palpate(&[&all[..], &[text(&mesh)], part].concat());
+        (output, mesh)
+    };
+    let (output, whole) = made("whole.vtu", &[]);
+    stdout(&output);
+    let read = |mesh: &Path| palpate::io::read(mesh).unwrap();
+    let whole = read(&whole);
+    let names: Vec<&str> = whole.region_names.values().map(String::as_str).collect();
+    let [bone, cartilage] = ["femur bone", "femoral cartilage"];
+    assert!(
+        names.contains(&bone) && names.contains(&cartilage),
+        "{names:?}"
+    );
+    let (output, parted) = made("parted.vtu", &["--part", "femur bone:femoral cartilage"]);
+    stdout(&output);
+    let parted = read(&parted);
+    assert_eq!(parted.tets.len(), whole.tets.len());
+    let nodes = |name: &str| -> std::collections::BTreeSet<u32> {
+        let label = parted.region_label(name).unwrap() as f64;
+        let labels = parted
+            .field("label", palpate::mesh::Location::Cell)
+            .unwrap();
+        let tets = parted.tets.iter().zip(&labels.values);
+        tets.filter(|(_, l)| **l == label)
+            .flat_map(|(t, _)| *t)
+            .collect()
+    };
+    assert!(nodes(bone).is_disjoint(&nodes(cartilage)));
+    assert!(parted.nodes.len() > whole.nodes.len() + 20);
+    // What is not there, or not a pair, is told.
+    let (output, _) = made("none.vtu", &["--part", "femur bone:rib"]);
+    assert!(failure(&output).contains("\"rib\"; there are"));
+    let (output, _) = made("one.vtu", &["--part", "femur bone"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
 fn thresholds_nest_and_carry_intensities() {
     let folder = folder("mesh_thresholds");
     let mesh = folder.join("head.vtu");

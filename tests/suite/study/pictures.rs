@@ -143,6 +143,7 @@ fn error(scene: &mut (Raycaster, Camera, Image), options: RaycastOptions) -> f64
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_tolerance_is_met_and_a_looser_one_never_costs_more() {
     let tolerances = [0.3, 0.5, 1.0, 2.0, 5.0, 12.0];
     for (name, mut scene) in [("shells", shells()), ("jumps", jumps())] {

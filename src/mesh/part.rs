@@ -1,0 +1,250 @@
+//! Regions that share nodes are welded: parting them.
+
+use super::{Field, Location, TetMesh};
+use crate::{Error, Result};
+
+impl TetMesh {
+    /// The label of a region: a whole number, or the name it has in the mesh.
+    ///
+    /// # Errors
+    /// [`Error::Input`] listing the names there are.
+    pub fn region_label(&self, region: &str) -> Result<i64> {
+        if let Ok(label) = region.parse() {
+            return Ok(label);
+        }
+        let mut names = self.region_names.iter();
+        let found = names.find(|(_, known)| known.eq_ignore_ascii_case(region));
+        found.map(|(label, _)| *label).ok_or_else(|| {
+            let names: Vec<&str> = self.region_names.values().map(String::as_str).collect();
+            Error::Input(match names.as_slice() {
+                [] => format!(
+                    "there is no region called \"{region}\": the mesh's regions have no names; give the label, a whole number"
+                ),
+                _ => format!(
+                    "there is no region called \"{region}\"; there are {}",
+                    names.join(", ")
+                ),
+            })
+        })
+    }
+
+    /// Parts the regions with these labels, which were welded where they meet: every node that both
+    /// have is doubled, and the tets of `second` take the double, so that no node is left to both
+    /// and the faces between them become boundary on either side. Tets stay as they are, in their
+    /// order; doubles come last, where the nodes are that they come from, with their values.
+    ///
+    /// A region that meets both at a node stays with `first` there: along the rim of the contact it
+    /// is parted from `second` too, by the faces around those nodes, and held to it by all others.
+    /// Part two neighbours in the other order for the opposite. Nodes that are shared where the two
+    /// meet in an edge or a point alone are doubled as well.
+    ///
+    /// Returns each double with the node it comes from.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the mesh has no field that says its regions, for a region parted from
+    /// itself, and for two that share no node.
+    pub fn part(&mut self, first: i64, second: i64) -> Result<Vec<[u32; 2]>> {
+        let labels = self.field("label", Location::Cell);
+        let Some(labels) = labels.or_else(|| self.region_field()) else {
+            return Err(Error::Input(
+                "regions are parted by a cell field of whole numbers, such as `label`, that says them; the mesh has none".into(),
+            ));
+        };
+        let is = |t: usize, label: i64| labels.values[t] == label as f64;
+        let mut shared = vec![0u8; self.nodes.len()];
+        for (t, tet) in self.tets.iter().enumerate() {
+            let side = u8::from(is(t, first)) + 2 * u8::from(is(t, second));
+            for v in tet {
+                shared[*v as usize] |= side;
+            }
+        }
+        let mut double = vec![u32::MAX; self.nodes.len()];
+        let mut made = Vec::new();
+        for v in (0..self.nodes.len()).filter(|v| shared[*v] == 3) {
+            double[v] = (self.nodes.len() + made.len()) as u32;
+            made.push([double[v], v as u32]);
+        }
+        if first == second || made.is_empty() {
+            let name = |label: i64| match self.region_names.get(&label) {
+                Some(name) => format!("\"{name}\" ({label})"),
+                None => format!("{label}"),
+            };
+            return Err(Error::Input(format!(
+                "regions {} and {} share no nodes to be parted at; name two that touch each other",
+                name(first),
+                name(second)
+            )));
+        }
+        let theirs: Vec<usize> = (0..self.tets.len()).filter(|t| is(*t, second)).collect();
+        for t in theirs {
+            for v in &mut self.tets[t] {
+                if double[*v as usize] != u32::MAX {
+                    *v = double[*v as usize];
+                }
+            }
+        }
+        for [_, v] in &made {
+            self.nodes.push(self.nodes[*v as usize]);
+        }
+        for Field {
+            location,
+            components,
+            values,
+            ..
+        } in &mut self.fields
+        {
+            if *location == Location::Node {
+                for [_, v] in &made {
+                    let from = *v as usize * *components;
+                    values.extend_from_within(from..from + *components);
+                }
+            }
+        }
+        Ok(made)
+    }
+
+    /// [`TetMesh::part`] for every pair of regions, by name or label.
+    ///
+    /// # Errors
+    /// As [`TetMesh::region_label`] and [`TetMesh::part`].
+    pub fn part_all(&mut self, pairs: &[[String; 2]]) -> Result<()> {
+        for [first, second] in pairs {
+            let (first, second) = (self.region_label(first)?, self.region_label(second)?);
+            self.part(first, second)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::mesh::{Topology, generate};
+    use glam::DVec3;
+
+    /// A bar of 4×4×2 cells: region 1 is x < 2, 2 beyond it with y < 2, 3 the rest.
+    fn bar() -> TetMesh {
+        let mut mesh = generate::bar([4, 4, 2], DVec3::new(4.0, 4.0, 2.0)).unwrap();
+        let labels = (0..mesh.tets.len()).map(|t| {
+            let p = mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0 - mesh.bounds().0;
+            match (p.x < 2.0, p.y < 2.0) {
+                (true, _) => 1.0,
+                (_, true) => 2.0,
+                _ => 3.0,
+            }
+        });
+        let labels = Field::scalar("label", Location::Cell, labels.collect());
+        mesh.set_field(labels).unwrap();
+        let places = mesh.nodes.iter().flat_map(|p| [p.x, p.y]).collect();
+        mesh.set_field(Field {
+            components: 2,
+            ..Field::scalar("place", Location::Node, places)
+        })
+        .unwrap();
+        mesh.region_names = [(1, "thigh".to_owned()), (2, "shin".to_owned())].into();
+        mesh
+    }
+
+    fn nodes_of(mesh: &TetMesh, label: f64) -> std::collections::BTreeSet<u32> {
+        let labels = &mesh.field("label", Location::Cell).unwrap().values;
+        let tets = mesh.tets.iter().zip(labels).filter(|(_, l)| **l == label);
+        tets.flat_map(|(t, _)| *t).collect()
+    }
+
+    #[test]
+    fn parted_regions_share_nothing_and_nothing_else_changes() {
+        let before = bar();
+        let topology = Topology::new(&before);
+        let mut mesh = before.clone();
+        let made = mesh.part(1, 2).unwrap();
+        // The nodes between them: 3 rows of 3, those of the row where region 3 meets both among them.
+        assert_eq!(made.len(), 9);
+        assert!(nodes_of(&mesh, 1.0).is_disjoint(&nodes_of(&mesh, 2.0)));
+        // Region 3 stays with the first there, and with the second at all others: 6 of 9.
+        let both = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
+        assert_eq!((both(1.0, 3.0), both(2.0, 3.0)), (9, 6));
+        for (a, b) in mesh.tets.iter().zip(&before.tets) {
+            assert_eq!(
+                a.map(|v| mesh.nodes[v as usize]),
+                b.map(|v| before.nodes[v as usize])
+            );
+        }
+        assert_eq!(mesh.nodes.len(), before.nodes.len() + 9);
+        let place = mesh.field("place", Location::Node).unwrap();
+        let same = |(p, xy): (&DVec3, &[f64])| [p.x, p.y] == xy;
+        assert!(mesh.nodes.iter().zip(place.values.chunks(2)).all(same));
+        // The faces between them are boundary on either side, and one ring of those with region 3.
+        let after = Topology::new(&mesh);
+        let more = after.boundary.len() - topology.boundary.len();
+        let of = |t: u32| before.field("label", Location::Cell).unwrap().values[t as usize];
+        let parted = |a: u32, b: u32| [of(a), of(b)] == [1.0, 2.0] || [of(a), of(b)] == [2.0, 1.0];
+        let (mut between, mut rim) = (0, 0);
+        for (t, faces) in topology.neighbours.iter().enumerate() {
+            for (f, n) in faces.iter().enumerate() {
+                if *n == crate::mesh::NO_NEIGHBOUR || *n < 4 * t as u32 {
+                    continue;
+                }
+                let open = after.neighbours[t][f] == crate::mesh::NO_NEIGHBOUR;
+                if parted(t as u32, *n / 4) {
+                    between += 1;
+                    assert!(open);
+                } else if open {
+                    rim += 1;
+                    assert!([of(t as u32), of(*n / 4)].contains(&2.0));
+                }
+            }
+        }
+        assert_eq!(between, 8);
+        assert!(rim > 0 && rim <= 4, "{rim}");
+        assert_eq!(more, 2 * (between + rim));
+        // No face is shared by more than two, and no tet turned over.
+        assert_eq!(crate::mesh::topology::crowded_faces(&mesh.tets), 0);
+        assert!((0..mesh.tets.len()).all(|t| mesh.tet_volume(t) > 0.0));
+    }
+
+    #[test]
+    fn regions_that_meet_in_an_edge_are_parted_too() {
+        let mut mesh = bar();
+        // Region 2 becomes 4 but for its corner cells far from region 1.
+        let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
+        label.values.iter_mut().for_each(|l| {
+            if *l == 1.0 {
+                *l = 5.0;
+            }
+        });
+        let low = mesh.bounds().0;
+        for t in 0..mesh.tets.len() {
+            let p = mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0 - low;
+            if p.x < 2.0 && p.y > 2.0 {
+                let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
+                label.values[t] = 6.0;
+            }
+        }
+        // 6 lies beyond x < 2 and y > 2, 2 at x > 2 and y < 2: an edge of three nodes.
+        assert_eq!(mesh.part(6, 2).unwrap().len(), 3);
+        assert!(nodes_of(&mesh, 6.0).is_disjoint(&nodes_of(&mesh, 2.0)));
+    }
+
+    #[test]
+    fn what_does_not_touch_is_told() {
+        let mut mesh = bar();
+        let pairs = |a: &str, b: &str| [[a.to_owned(), b.to_owned()]];
+        mesh.part_all(&pairs("Thigh", "2")).unwrap();
+        let again = mesh.part_all(&pairs("1", "shin")).unwrap_err().to_string();
+        assert!(
+            again.contains("\"thigh\" (1) and \"shin\" (2) share no nodes"),
+            "{again}"
+        );
+        let unknown = mesh
+            .part_all(&pairs("foot", "shin"))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            unknown.contains("\"foot\"; there are thigh, shin"),
+            "{unknown}"
+        );
+        mesh.fields.clear();
+        assert!(mesh.part(1, 2).is_err());
+    }
+}

@@ -1,0 +1,68 @@
+//! The slope of the incremental potential.
+
+use super::implicit::{Implicit, Scene};
+use super::newton::Minimiser;
+use super::pool::Nodes;
+use super::real::Real;
+use super::rules::Form;
+use super::terms::{At, Term};
+use super::vectors::{add, apply, scale, sub, weight, zero};
+
+impl<T: Real> Minimiser<T> {
+    /// Puts γ² times the slope of −Φ into the residual of the solver. Returns the square of what
+    /// it is measured by: γ² times the forces, or the momentum they change.
+    pub(super) fn residual(
+        &mut self,
+        implicit: &mut Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        form: Form,
+    ) -> f64 {
+        let square = T::of(form.gamma * form.gamma);
+        let heavier = T::of(self.mass_damping * form.gamma);
+        let (best, guesses, lagged) = (&self.best, &self.guesses, &self.lagged);
+        let solver = &mut implicit.solver;
+        solver.tied.pose(&self.rigid, &self.rigid.best);
+        let (inverses, tied) = (&solver.inverse, &solver.tied);
+        let data = (Nodes(&mut solver.residual), ());
+        let [pull, push] = scene.plan.each(data, &|chunk, nodes, (b, ())| {
+            let start = nodes.start;
+            b.0.fill(zero());
+            for term in terms {
+                term.elastic(chunk, &best.place, b.0);
+                if term.damped() {
+                    let at = At {
+                        u: lagged,
+                        v: &best.speed,
+                    };
+                    term.resist(chunk, at, b.0);
+                }
+            }
+            let (mut pull, mut push) = (0.0, 0.0);
+            for (n, i) in nodes.enumerate() {
+                let (m, free) = (scene.masses[i], scene.free[i]);
+                let force = scale(free * square, b.0[n]);
+                let goal = scale(free * m, guesses.goal(i));
+                pull += weight(force, apply(&inverses[i], force));
+                push += weight(goal, apply(&inverses[i], goal));
+                let off = scale(m, sub(best.delta[i], guesses.goal(i)));
+                let drag = scale(heavier * m, sub(best.delta[i], guesses.base(i)));
+                b.0[n] = scale(free, sub(sub(scale(square, b.0[n]), off), drag));
+            }
+            for body in tied.bodies_of(scene.plan, chunk) {
+                let first = body.nodes().start;
+                let goal = |i: usize| scale(scene.masses[i], guesses.goal(i));
+                let inertia = |i: usize| {
+                    let off = sub(best.delta[i], guesses.goal(i));
+                    let drag = scale(heavier, sub(best.delta[i], guesses.base(i)));
+                    scale(scene.masses[i], add(off, drag))
+                };
+                let force = |n: usize| add(b.0[first + n - start], inertia(first + n));
+                pull += body.weigh(&body.restrict(force));
+                push += body.weigh(&body.restrict(|n| goal(first + n)));
+            }
+            [pull, push]
+        });
+        pull.max(push)
+    }
+}

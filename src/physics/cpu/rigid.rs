@@ -1,0 +1,331 @@
+//! Rigid bodies: nodes that move together, by six unknowns.
+//!
+//! The engine's own nodes of a body are those of its surface, without mass, and four **carriers**
+//! that have all of it: at R A t_k from its centre, t_k being the corners of a regular tet and
+//! A Aᵀ the body's mean of r rᵀ, they have its mass, its centre and its inertia exactly, for
+//! whatever moves its nodes affinely. So a body's inertia, gravity and history are those of four
+//! ordinary nodes, and a step is the minimisation that it is without rigid bodies, over
+//! x = c + R r. Nodes inside take no part; they are put in their places after.
+//!
+//! Poses are kept in f64, and every node's displacement is rounded from them: nothing adds up.
+
+use super::closest_rotation::closest_rotation;
+use super::real::Real;
+use super::rigid_loads::InnerDraw;
+use super::rigid_pose::{
+    CARRIERS, CORNERS, Freedom, Pose, Rigid, inertia_of, narrow, outer, turned_by, wide,
+};
+use super::vectors::V4;
+use glam::{DMat3, DQuat, DVec3};
+
+/// Points nearer to each other than this part of a body are one, and hold it so.
+const NEAR: f64 = 1e-6;
+
+/// The rigid bodies of a body, whose nodes are the last of its plan and what lies beyond it.
+#[derive(Clone, Debug)]
+pub(super) struct RigidBodies {
+    /// The first slot of any.
+    pub first: usize,
+    /// One after the other, a group of the plan each.
+    pub bodies: Vec<Rigid>,
+    /// Where each of their nodes is, from the first slot on: from its body's centre at rest.
+    pub arms: Vec<DVec3>,
+    /// The body of each.
+    owner: Vec<u32>,
+    /// Mass of each of the mesh's nodes, which its body carries for it.
+    pub weights: Vec<f64>,
+    /// The poses at the start of the step, those of the best and of the last trial in it.
+    pub now: Vec<Pose>,
+    pub best: Vec<Pose>,
+    pub trial: Vec<Pose>,
+    /// Shift and change of rotation from now to the last trial.
+    changes: Vec<(DVec3, DMat3)>,
+    /// Of the direction that is searched along: shift and rotation vector.
+    pub directions: Vec<(DVec3, DVec3)>,
+    /// Of the midpoint rule: the torque on each body in the last step.
+    pub torques: Vec<DVec3>,
+    /// Whether steps are those of that rule.
+    pub midpoint: bool,
+    pub(super) draws: Vec<InnerDraw>,
+    /// The forces of these on the carriers.
+    pub(super) drawn: Vec<[DVec3; CARRIERS]>,
+}
+
+impl Default for RigidBodies {
+    fn default() -> Self {
+        RigidBodies::new(usize::MAX, Vec::new(), Vec::new(), Vec::new())
+    }
+}
+
+impl RigidBodies {
+    /// At rest, free.
+    pub fn new(
+        first: usize,
+        bodies: Vec<Rigid>,
+        arms: Vec<DVec3>,
+        weights: Vec<f64>,
+    ) -> RigidBodies {
+        let mut owner = vec![0; arms.len()];
+        for (b, body) in bodies.iter().enumerate() {
+            for slots in [&body.nodes, &body.inner] {
+                owner[slots.start - first..slots.end - first].fill(b as u32);
+            }
+        }
+        let poses = vec![Pose::REST; bodies.len()];
+        RigidBodies {
+            first,
+            arms,
+            owner,
+            weights,
+            now: poses.clone(),
+            best: poses.clone(),
+            trial: poses,
+            changes: vec![(DVec3::ZERO, DMat3::ZERO); bodies.len()],
+            directions: vec![(DVec3::ZERO, DVec3::ZERO); bodies.len()],
+            torques: vec![DVec3::ZERO; bodies.len()],
+            midpoint: false,
+            draws: Vec::new(),
+            drawn: vec![[DVec3::ZERO; CARRIERS]; bodies.len()],
+            bodies,
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.bodies.is_empty()
+    }
+
+    /// The body that has slot `i`.
+    pub fn of(&self, i: usize) -> Option<usize> {
+        let n = i.checked_sub(self.first)?;
+        self.owner.get(n).map(|b| *b as usize)
+    }
+
+    /// The displacement of a slot from its rest in a pose of its body.
+    pub fn displacement(&self, i: usize, pose: &Pose) -> DVec3 {
+        let r = self.arms[i - self.first];
+        pose.shift + (pose.turn * r - r)
+    }
+
+    /// Takes the poses nearest to where `at` displaces the carriers from now for a trial.
+    pub fn guess<T: Real>(&mut self, at: impl Fn(usize) -> V4<T>) {
+        for (b, body) in self.bodies.iter().enumerate() {
+            let from = self.now[b];
+            let mut targets = [DVec3::ZERO; CARRIERS];
+            for (x, i) in targets.iter_mut().zip(body.carriers()) {
+                let r = from.turn * self.arms[i - self.first];
+                *x = body.centre + from.shift + r + wide(at(i));
+            }
+            self.trial[b] = body.nearest(&from, targets);
+        }
+        self.note_changes();
+    }
+
+    /// Stays for a trial.
+    pub fn stay(&mut self) {
+        self.trial.copy_from_slice(&self.now);
+        self.note_changes();
+    }
+
+    /// Takes note of how the bodies move in a vector of all nodes that moves them rigidly, from
+    /// where they are in the best trial.
+    pub fn read_directions<T: Real>(&mut self, vector: &[V4<T>]) {
+        for (b, body) in self.bodies.iter().enumerate() {
+            let pose = &self.best[b];
+            let (pivot, within) = body.pivot(pose);
+            let (mut sum, mut moment, mut inertia) = (DVec3::ZERO, DVec3::ZERO, DMat3::ZERO);
+            for i in body.carriers() {
+                let a = pose.turn * (self.arms[i - self.first] - pivot);
+                let s = wide(vector[i]);
+                sum += s;
+                moment += a.cross(s);
+                inertia += inertia_of(a);
+            }
+            let free = body.freedom == Freedom::Free;
+            let shift = if free {
+                sum / CARRIERS as f64
+            } else {
+                DVec3::ZERO
+            };
+            self.directions[b] = (shift, within * turned_by(inertia, moment, within));
+        }
+    }
+
+    /// Goes so far along the direction from the best trial, for a trial.
+    pub fn go(&mut self, length: f64) {
+        for (b, body) in self.bodies.iter().enumerate() {
+            let (shift, by) = self.directions[b];
+            self.trial[b] = match body.freedom {
+                Freedom::Fixed => self.now[b],
+                _ => body.moved(&self.best[b], shift * length, by * length),
+            };
+        }
+        self.note_changes();
+    }
+
+    fn note_changes(&mut self) {
+        for (b, change) in self.changes.iter_mut().enumerate() {
+            let (now, then) = (&self.now[b], &self.trial[b]);
+            let turn = DMat3::from_quat(then.turn) - DMat3::from_quat(now.turn);
+            *change = (then.shift - now.shift, turn);
+        }
+    }
+
+    /// How far the last trial displaces slot `i` from now.
+    pub fn change<T: Real>(&self, i: usize) -> V4<T> {
+        let n = i - self.first;
+        let (shift, turn) = &self.changes[self.owner[n] as usize];
+        narrow(*shift + *turn * self.arms[n])
+    }
+
+    /// Makes the last trial the best.
+    pub fn accept(&mut self) {
+        std::mem::swap(&mut self.best, &mut self.trial);
+    }
+
+    /// Makes the best trial what is now.
+    pub fn keep(&mut self) {
+        self.now.copy_from_slice(&self.best);
+    }
+
+    /// Puts the nodes of all bodies where the `poses` have them.
+    pub fn put<T: Real>(&self, poses: &[Pose], u: &mut [V4<T>]) {
+        for (n, b) in self.owner.iter().enumerate() {
+            let i = self.first + n;
+            u[i] = narrow(self.displacement(i, &poses[*b as usize]));
+        }
+    }
+
+    /// Gives the nodes of a body, or those inside only, the velocities that its carriers say.
+    pub fn carry<T: Real>(&self, b: usize, all: bool, v: &mut [V4<T>]) {
+        let body = &self.bodies[b];
+        let carriers: [DVec3; CARRIERS] =
+            std::array::from_fn(|k| wide(v[body.carriers().start + k]));
+        let mean = carriers.iter().sum::<DVec3>() / CARRIERS as f64;
+        let mut change = DMat3::ZERO;
+        for (v, t) in carriers.iter().zip(CORNERS) {
+            change += outer(*v, t);
+        }
+        let change = change * body.gather * (1.0 / CARRIERS as f64);
+        let surface =
+            body.nodes.start..body.nodes.end - if all { CARRIERS } else { body.nodes.len() };
+        for i in surface.chain(body.inner.clone()) {
+            v[i] = narrow(mean + change * self.arms[i - self.first]);
+        }
+    }
+
+    /// Lets a body in `pose` move on with the momentum `sum`, and `moment` about its pivot, as it
+    /// can: writes the velocities of its nodes.
+    pub fn set_momentum<T: Real>(&self, b: usize, (sum, moment): (DVec3, DVec3), v: &mut [V4<T>]) {
+        let (body, pose) = (&self.bodies[b], &self.now[b]);
+        let (pivot, within) = body.pivot(pose);
+        let mut inertia = DMat3::ZERO;
+        for i in body.carriers() {
+            let a = pose.turn * (self.arms[i - self.first] - pivot);
+            inertia += inertia_of(a) * (body.mass / CARRIERS as f64);
+        }
+        let (linear, spin) = match body.freedom {
+            Freedom::Free => (sum / body.mass, inertia.inverse() * moment),
+            Freedom::Turns(..) => (DVec3::ZERO, turned_by(inertia, moment, within)),
+            Freedom::Fixed => (DVec3::ZERO, DVec3::ZERO),
+        };
+        for i in body.nodes.clone().chain(body.inner.clone()) {
+            let a = pose.turn * (self.arms[i - self.first] - pivot);
+            v[i] = narrow(linear + spin.cross(a));
+        }
+    }
+
+    /// The momentum of a body and its moment about its pivot, of its carriers' velocities.
+    pub fn momentum<T: Real>(&self, b: usize, v: &[V4<T>]) -> (DVec3, DVec3) {
+        let (body, pose) = (&self.bodies[b], &self.now[b]);
+        let (pivot, _) = body.pivot(pose);
+        let m = body.mass / CARRIERS as f64;
+        let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
+        for i in body.carriers() {
+            let a = pose.turn * (self.arms[i - self.first] - pivot);
+            sum += m * wide(v[i]);
+            moment += m * a.cross(wide(v[i]));
+        }
+        (sum, moment)
+    }
+
+    /// Takes the poses and the momenta that suit positions and velocities of the mesh's nodes best,
+    /// each by its mass; `of` gives those of a slot, local units. Writes all nodes' of the bodies.
+    pub fn fit<T: Real>(
+        &mut self,
+        of: impl Fn(usize) -> (DVec3, DVec3),
+        u: &mut [V4<T>],
+        v: &mut [V4<T>],
+    ) {
+        for b in 0..self.bodies.len() {
+            let body = &self.bodies[b];
+            let surface = body.nodes.start..body.nodes.end - CARRIERS;
+            let nodes = || surface.clone().chain(body.inner.clone());
+            let weight = |i: usize| self.weights[i - self.first] / body.mass;
+            let at: DVec3 = nodes().map(|i| weight(i) * of(i).0).sum();
+            let mut m = DMat3::ZERO;
+            for i in nodes() {
+                m += outer(of(i).0 - at, self.arms[i - self.first]) * weight(i);
+            }
+            let start = crate::physics::elements::polar(&m).0;
+            let start = DQuat::from_mat3(&start).normalize();
+            self.now[b] = Pose {
+                shift: at - body.centre,
+                turn: closest_rotation(&m, start, DMat3::IDENTITY),
+            };
+            let (pivot, _) = body.pivot(&self.now[b]);
+            let pivot = at + self.now[b].turn * pivot;
+            let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
+            for i in nodes() {
+                let (x, v) = of(i);
+                let m = self.weights[i - self.first];
+                sum += m * v;
+                moment += m * (x - pivot).cross(v);
+            }
+            self.set_momentum(b, (sum, moment), v);
+        }
+        self.put(&self.now, u);
+    }
+
+    /// Says which nodes of a body stay: how it can move follows. Slots.
+    pub fn hold(&mut self, b: usize, held: impl Iterator<Item = usize>) {
+        let near = NEAR * self.bodies[b].radius();
+        let mut freedom = Freedom::Free;
+        for i in held {
+            let r = self.arms[i - self.first];
+            freedom = match freedom {
+                Freedom::Free => Freedom::Turns(r, None),
+                Freedom::Turns(at, None) if r.distance(at) > near => {
+                    Freedom::Turns(at, Some((r - at).normalize()))
+                }
+                Freedom::Turns(at, Some(axis)) if (r - at).cross(axis).length() > near => {
+                    Freedom::Fixed
+                }
+                same => same,
+            };
+        }
+        self.bodies[b].freedom = freedom;
+    }
+
+    /// Moves a body so that nodes of it come as near to places as they can: pairs of slots and
+    /// displacements, all that stays of it among them.
+    pub fn follow(&mut self, b: usize, held: &[(usize, DVec3)]) {
+        let body = &self.bodies[b];
+        let from = self.now[b];
+        let count = held.len() as f64;
+        let arm = |i: usize| self.arms[i - self.first];
+        let place = |(i, u): &(usize, DVec3)| body.centre + arm(*i) + *u;
+        let at = held.iter().map(place).sum::<DVec3>() / count;
+        let middle = held.iter().map(|(i, _)| arm(*i)).sum::<DVec3>() / count;
+        // Where they leave a turn open, it stays as it is.
+        let mut m = DMat3::from_quat(from.turn) * (1e-9 * body.radius().powi(2));
+        for one in held {
+            m += outer(place(one) - at, arm(one.0) - middle);
+        }
+        let turn = closest_rotation(&m, from.turn, DMat3::IDENTITY);
+        self.now[b] = Pose {
+            shift: at - turn * middle - body.centre,
+            turn,
+        };
+    }
+}

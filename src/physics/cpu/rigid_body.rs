@@ -1,0 +1,125 @@
+//! What of a body is rigid, as it is set and read from outside.
+
+use super::body::CpuBody;
+use super::real::Real;
+use super::rigid_pose::{CARRIERS, Freedom};
+use super::vectors::zero;
+use crate::physics::cpu::loads::Attachment;
+use glam::DVec3;
+
+impl<T: Real> CpuBody<T> {
+    /// Takes note of how rigid bodies can move where some of their nodes stay.
+    pub(super) fn free_bodies(&mut self, stays: &[bool]) {
+        let Some(newton) = &mut self.newton else {
+            return;
+        };
+        let (rigid, v) = (&mut newton.rigid, &mut self.now.v);
+        for b in 0..rigid.bodies.len() {
+            let before = rigid.bodies[b].freedom;
+            let body = &rigid.bodies[b];
+            let slots = || body.nodes.clone().chain(body.inner.clone());
+            let held: Vec<usize> = slots()
+                .filter(|i| stays.get(self.order[*i] as usize).is_some_and(|s| *s))
+                .collect();
+            rigid.hold(b, held.into_iter());
+            let body = &rigid.bodies[b];
+            let free = body.freedom != Freedom::Fixed;
+            let share = T::ONE / T::of(body.mass / CARRIERS as f64);
+            for i in body.nodes.clone() {
+                self.free[i] = if free { T::ONE } else { T::ZERO };
+                let carries = free && body.carriers().contains(&i);
+                self.inverse[i] = if carries { share } else { T::ZERO };
+            }
+            if before != body.freedom {
+                let momentum = rigid.momentum(b, v);
+                rigid.set_momentum(b, momentum, v);
+            } else if !free {
+                for i in body.nodes.clone().chain(body.inner.clone()) {
+                    v[i] = zero();
+                }
+            } else {
+                rigid.carry(b, true, v);
+            }
+        }
+    }
+
+    /// Moves rigid bodies along with those of their nodes that are held.
+    pub(super) fn follow_holds(&mut self) {
+        let Some(newton) = &mut self.newton else {
+            return;
+        };
+        let rigid = &mut newton.rigid;
+        if rigid.is_empty() {
+            return;
+        }
+        let mut held: Vec<Vec<(usize, DVec3)>> = vec![Vec::new(); rigid.bodies.len()];
+        let wanted = self.attachments.iter().filter_map(|a| match a {
+            Attachment::Hold { node, place } => Some((*node as usize, Some(*place))),
+            // Of rigid bodies none are led.
+            Attachment::Lead { .. } | Attachment::Pull { .. } => None,
+        });
+        let pinned = (0..self.pinned.len()).filter(|v| self.pinned[*v]);
+        let mut moves = false;
+        for (v, place) in wanted.chain(pinned.map(|v| (v, None))) {
+            let slot = self.place[v] as usize;
+            let Some(b) = rigid.of(slot) else {
+                continue;
+            };
+            moves |= place.is_some();
+            let u = match place {
+                Some(place) => (place - self.rest[v]) / self.units.length,
+                None => rigid.displacement(slot, &rigid.now[b]),
+            };
+            held[b].push((slot, u));
+        }
+        if !moves {
+            return;
+        }
+        for (b, held) in held.iter().enumerate().filter(|(_, held)| !held.is_empty()) {
+            rigid.follow(b, held);
+            let momentum = rigid.momentum(b, &self.now.v);
+            rigid.set_momentum(b, momentum, &mut self.now.v);
+        }
+        rigid.put(&rigid.now, &mut self.now.u);
+    }
+
+    /// Puts rigid bodies where positions (m) and velocities (m/s) of their nodes have them.
+    pub(super) fn fit_bodies(&mut self, positions: &[DVec3], velocities: &[DVec3]) {
+        let Some(newton) = &mut self.newton else {
+            return;
+        };
+        let (order, units) = (&self.order, self.units);
+        let of = |i: usize| {
+            let v = order[i] as usize;
+            (
+                positions[v] / units.length,
+                velocities[v] / units.velocity(),
+            )
+        };
+        let (u, v) = (&mut self.now.u, &mut self.now.v);
+        newton.rigid.fit(of, u, v);
+    }
+
+    /// Writes the positions (m) of the nodes of rigid bodies: exact, as their poses are.
+    pub(super) fn show_bodies(&self, positions: &mut [DVec3]) {
+        let Some(newton) = &self.newton else {
+            return;
+        };
+        let rigid = &newton.rigid;
+        for (b, body) in rigid.bodies.iter().enumerate() {
+            for i in body.nodes.clone().chain(body.inner.clone()) {
+                let v = self.order[i] as usize;
+                if let Some(x) = positions.get_mut(v) {
+                    let moved = rigid.displacement(i, &rigid.now[b]);
+                    *x = self.rest[v] + moved * self.units.length;
+                }
+            }
+        }
+    }
+
+    /// The nodes of the plan: all but those inside rigid bodies.
+    #[cfg(test)]
+    pub(super) fn active(&self) -> usize {
+        self.plan.nodes()
+    }
+}

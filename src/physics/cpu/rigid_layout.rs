@@ -1,0 +1,222 @@
+//! How a body's nodes are laid out where some of it is rigid: what is soft in lumps, then each rigid
+//! body as a group of its own, and beyond the plan what lies inside these.
+
+use super::order::Lumps;
+use super::rigid::RigidBodies;
+use super::rigid_pose::{CARRIERS, Freedom, Rigid, carriers, outer};
+use crate::physics::{RigidBody, SolverKind, SpringNetwork, Units};
+use crate::{Error, Result};
+use glam::{DMat3, DVec3};
+use std::borrow::Cow;
+
+/// Refuses schemes that step no rigid bodies.
+///
+/// # Errors
+/// [`Error::Input`].
+fn steps_rigid(kind: SolverKind) -> Result<()> {
+    match kind {
+        SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => Ok(()),
+        _ => Err(Error::Input(format!(
+            "{kind} steps no rigid regions: take implicit, bdf2 or midpoint"
+        ))),
+    }
+}
+
+/// The network that the engine keeps of `network`, the order of its nodes, and what of it is rigid;
+/// `most` as for [`Layout::new`].
+///
+/// # Errors
+/// As [`Layout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
+pub(super) fn laid_out<'a>(
+    network: &'a SpringNetwork,
+    kind: SolverKind,
+    units: &Units,
+    most: impl Fn(usize) -> usize,
+) -> Result<(Cow<'a, SpringNetwork>, Lumps, RigidBodies)> {
+    if network.elements.rigid.is_empty() {
+        let lumps = Lumps::new(&network.rest, most(network.rest.len()));
+        return Ok((Cow::Borrowed(network), lumps, RigidBodies::default()));
+    }
+    steps_rigid(kind)?;
+    let Layout {
+        network,
+        lumps,
+        rigid,
+    } = Layout::new(network, units, most)?;
+    Ok((Cow::Owned(network), lumps, rigid))
+}
+
+/// A network with carriers for nodes, and the order of all of its nodes.
+struct Layout {
+    /// The carriers come last, four a body; they have the mass of its nodes, which have none.
+    network: SpringNetwork,
+    lumps: Lumps,
+    rigid: RigidBodies,
+}
+
+impl Layout {
+    /// Of `network`, which has rigid bodies, its soft nodes in groups of at most `most(their
+    /// number)`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body without mass, a flat one, or of nodes that are not there.
+    fn new(
+        network: &SpringNetwork,
+        units: &Units,
+        most: impl Fn(usize) -> usize,
+    ) -> Result<Layout> {
+        let count = network.rest.len();
+        let bodies = &network.elements.rigid;
+        let strange = |b: &RigidBody| {
+            b.nodes
+                .iter()
+                .chain(&b.surface)
+                .any(|v| *v as usize >= count)
+        };
+        let mut owner = vec![u32::MAX; count];
+        if bodies.iter().any(strange) {
+            return Err(Error::Input(
+                "a rigid body has nodes that the network has not".into(),
+            ));
+        }
+        for (b, body) in bodies.iter().enumerate() {
+            for v in &body.nodes {
+                if owner[*v as usize] != u32::MAX {
+                    return Err(Error::Input(format!(
+                        "node {v} belongs to two rigid bodies; bodies that share nodes are one"
+                    )));
+                }
+                owner[*v as usize] = b as u32;
+            }
+        }
+        // What soft tets pull at takes part, wherever it is.
+        let mut outside = vec![false; count];
+        let surface = bodies.iter().flat_map(|b| &b.surface);
+        let soft = network.elements.tets.iter().flat_map(|e| &e.nodes);
+        surface
+            .chain(soft)
+            .for_each(|v| outside[*v as usize] = true);
+
+        let free: Vec<u32> = (0..count as u32)
+            .filter(|v| owner[*v as usize] == u32::MAX)
+            .collect();
+        let points = |nodes: &[u32]| -> Vec<DVec3> {
+            nodes.iter().map(|v| network.rest[*v as usize]).collect()
+        };
+        let mut lumps = match free.is_empty() {
+            true => Lumps {
+                order: Vec::new(),
+                starts: vec![0],
+            },
+            false => Lumps::new(&points(&free), most(free.len())),
+        };
+        for v in &mut lumps.order {
+            *v = free[*v as usize];
+        }
+        let first = lumps.order.len();
+        let mut extended = network.clone();
+        let mut rigid = Vec::with_capacity(bodies.len());
+        for (b, body) in bodies.iter().enumerate() {
+            let start = lumps.order.len();
+            let shown: Vec<u32> = body
+                .nodes
+                .iter()
+                .copied()
+                .filter(|v| outside[*v as usize])
+                .collect();
+            let near = Lumps::new(&points(&shown), usize::MAX).order;
+            lumps.order.extend(near.iter().map(|v| shown[*v as usize]));
+            let own = (count + CARRIERS * b) as u32;
+            lumps.order.extend(own..own + CARRIERS as u32);
+            lumps.starts.push(lumps.order.len());
+            let (one, places) = Moments::of(network, body, units)?;
+            extended.rest.extend(places.map(|x| x * units.length));
+            for v in &body.nodes {
+                extended.masses[*v as usize] = 0.0;
+            }
+            let share = one.mass * units.mass / CARRIERS as f64;
+            extended.masses.extend([share; CARRIERS]);
+            rigid.push(Rigid {
+                nodes: start..lumps.order.len(),
+                inner: 0..0,
+                centre: one.centre,
+                mass: one.mass,
+                spread: one.spread,
+                gather: one.spread.inverse(),
+                freedom: Freedom::Free,
+            });
+        }
+        for (body, rigid) in bodies.iter().zip(&mut rigid) {
+            let start = lumps.order.len();
+            let inside = body.nodes.iter().filter(|v| !outside[**v as usize]);
+            lumps.order.extend(inside);
+            rigid.inner = start..lumps.order.len();
+        }
+        let slots = &lumps.order[first..];
+        let mut arms: Vec<DVec3> = slots
+            .iter()
+            .map(|v| extended.rest[*v as usize] / units.length)
+            .collect();
+        for body in &rigid {
+            for i in body.nodes.clone().chain(body.inner.clone()) {
+                arms[i - first] -= body.centre;
+            }
+        }
+        let weight = |v: &u32| {
+            network
+                .masses
+                .get(*v as usize)
+                .map_or(0.0, |m| m / units.mass)
+        };
+        let weights = slots.iter().map(weight).collect();
+        Ok(Layout {
+            network: extended,
+            rigid: RigidBodies::new(first, rigid, arms, weights),
+            lumps,
+        })
+    }
+}
+
+/// What of a body there is to its inertia, local units.
+struct Moments {
+    centre: DVec3,
+    mass: f64,
+    spread: DMat3,
+}
+
+impl Moments {
+    fn of(
+        network: &SpringNetwork,
+        body: &RigidBody,
+        units: &Units,
+    ) -> Result<(Moments, [DVec3; CARRIERS])> {
+        let nodes = || {
+            body.nodes.iter().map(|v| {
+                let v = *v as usize;
+                (
+                    network.masses[v] / units.mass,
+                    network.rest[v] / units.length,
+                )
+            })
+        };
+        let mass: f64 = nodes().map(|(m, _)| m).sum();
+        let centre = nodes().map(|(m, x)| m * x).sum::<DVec3>() / mass;
+        let mut second = DMat3::ZERO;
+        for (m, x) in nodes() {
+            second += outer(x - centre, x - centre) * m;
+        }
+        let Some((arms, spread)) = carriers(mass, &second) else {
+            let from = body.nodes.first().copied().unwrap_or(0);
+            return Err(Error::Input(format!(
+                "the rigid body of {} nodes at node {from} is flat or has no mass; rigid regions need tets with volume and a density",
+                body.nodes.len()
+            )));
+        };
+        let one = Moments {
+            centre,
+            mass,
+            spread,
+        };
+        Ok((one, arms.map(|r| centre + r)))
+    }
+}

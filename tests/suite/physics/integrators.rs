@@ -1,0 +1,203 @@
+//! Integrators and terms of a program that uses the library, written outside of it.
+
+use crate::support::gpu;
+use glam::{DMat3, DVec3};
+use palpate::gpu::{Pass, add_shader};
+use palpate::mesh::{LocalFrame, generate};
+use palpate::physics::integrator::{Core, Integrator, Stage, Step, Timing};
+use palpate::physics::{
+    Body, GpuTets, Material, NodeTerm, Simulator, Solver, SolverKind, Stepper, SymplecticEuler,
+    Units,
+};
+use palpate::{Error, Result};
+use std::sync::Arc;
+
+palpate::gpu_struct! {
+    /// What `lib/move` asks for.
+    struct MoveParams {
+        nodes: u32,
+        dt: f32,
+        kick: f32,
+        _pad0: u32,
+    }
+}
+
+/// Leapfrog by kick and drift: symplectic Euler once more, in words of its own.
+const LEAPFROG: &str = "
+#import lib/move
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.nodes || status.failed != 0u {
+        return;
+    }
+    let kicked = textureLoad(velocities, at(i), 0).xyz + params.kick * acceleration(i);
+    store(i, textureLoad(positions, at(i), 0), params.dt * kicked, vec4(kicked, 0.0));
+}
+";
+
+/// The step of [`LEAPFROG`]; `FORCES` times are forces asked for, which ought to be 1.
+struct Leapfrog<const FORCES: usize>;
+
+impl<const FORCES: usize> Integrator for Leapfrog<FORCES> {
+    const KIND: SolverKind = SolverKind::Symplectic;
+    const NAME: &'static str = "leapfrog";
+
+    fn new(_: &Core, _: &Body) -> Result<Self> {
+        add_shader("suite/leapfrog", LEAPFROG)?;
+        Ok(Leapfrog)
+    }
+
+    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
+        let pass: Pass = core
+            .gpu()
+            .pass("suite/leapfrog")
+            .read(body.nodes().array())
+            .read(body.velocity_array())
+            .read(core.forces())
+            .read(body.mass_array())
+            .read(core.status())
+            .write(core.next_positions())
+            .write(core.next_velocities())
+            .params(&MoveParams {
+                nodes: core.nodes(),
+                dt: timing.dt,
+                kick: timing.dt,
+                _pad0: 0,
+            })
+            .over(core.nodes())?;
+        let mut step = Step::explicit(pass);
+        step.stages.resize(1 + FORCES, Stage::Forces(None));
+        Ok(step)
+    }
+}
+
+/// A bar held at one end, which sinks, stepped by what `solver` makes.
+fn bar<S: Solver + 'static>(solver: impl Fn(&Body) -> Result<S>) -> GpuTets {
+    let gpu = gpu();
+    let mesh = generate::bar([8, 2, 2], DVec3::new(0.4, 0.1, 0.1)).unwrap();
+    let material = Material {
+        damping_time: 1e-3,
+        ..Material::young(5e4)
+    };
+    let mut body = Body::new(&gpu, &mesh, &material).unwrap();
+    body.hold_one_end(9.81);
+    let solver = solver(&body).unwrap();
+    GpuTets::of_body(mesh, body, Box::new(solver)).unwrap()
+}
+
+#[test]
+fn an_integrator_of_ones_own_steps_as_the_librarys_does() {
+    let gpu = gpu();
+    let mut own = bar(|body| Stepper::<Leapfrog<1>>::new(&gpu, body));
+    let mut known = bar(|body| SymplecticEuler::new(&gpu, body));
+    let dt = 0.5 * known.largest_stable_step().unwrap();
+    assert_eq!(own.largest_stable_step(), known.largest_stable_step());
+    for simulator in [&mut own, &mut known] {
+        assert_eq!(simulator.run(100, dt).unwrap().steps, 100);
+    }
+    let moved = own.report().unwrap().max_displacement;
+    assert!(moved > 1e-4, "{moved}");
+    assert_eq!(own.positions().unwrap(), known.positions().unwrap());
+    // States of one are none of the other.
+    let state = own.state().unwrap();
+    own.set_state(&state).unwrap();
+    let refused = known.set_state(&state).unwrap_err().to_string();
+    assert!(refused.contains("leapfrog"), "{refused}");
+    // Who never weighs the candidate, or does twice, is told so.
+    for mut wrong in [
+        bar(|body| Stepper::<Leapfrog<0>>::new(&gpu, body)),
+        bar(|body| Stepper::<Leapfrog<2>>::new(&gpu, body)),
+    ] {
+        let refused = wrong.run(1, dt).unwrap_err().to_string();
+        assert!(refused.contains("exactly one stage of forces"), "{refused}");
+    }
+}
+
+/// A steady wind: E = −m a·x.
+#[derive(Debug)]
+struct Wind(DVec3);
+
+const WIND: &str = "#term node
+
+fn suite_wind_force(slot: u32, m: f32, x: vec3<f32>) -> vec4<f32> {
+    let force = m * node_terms[2u * slot].xyz;
+    return vec4(force, -dot(force, x));
+}
+
+fn suite_wind_block(slot: u32, m: f32, x: vec3<f32>) -> NodeBlock {
+    return NodeBlock(vec3(0.0), vec3(0.0));
+}
+";
+
+impl NodeTerm for Wind {
+    fn name(&self) -> &'static str {
+        "suite_wind"
+    }
+
+    fn numbers(&self, _: &LocalFrame, units: &Units, _: f64) -> [[f32; 4]; 2] {
+        let local = self.0 / units.acceleration();
+        [local.as_vec3().extend(0.0).to_array(), [0.0; 4]]
+    }
+
+    fn energy(&self, m: f64, x: DVec3) -> f64 {
+        -m * self.0.dot(x)
+    }
+
+    fn force(&self, m: f64, _: DVec3) -> DVec3 {
+        m * self.0
+    }
+
+    fn block(&self, _: f64, _: DVec3) -> DMat3 {
+        DMat3::ZERO
+    }
+
+    fn stiffness(&self, _: f64) -> f64 {
+        0.0
+    }
+}
+
+#[test]
+fn a_term_of_ones_own_acts_as_gravity_of_the_same_strength_does() {
+    add_shader("terms/suite_wind", WIND).unwrap();
+    let across = DVec3::new(0.0, 3.0, -2.0);
+    let gpu = gpu();
+    let ends = [true, false].map(|blown| {
+        let mut bar = bar(|body| SymplecticEuler::new(&gpu, body));
+        bar.loads_mut().set_gravity(DVec3::ZERO);
+        match blown {
+            true => bar.add_term(Arc::new(Wind(across))).unwrap(),
+            false => bar.loads_mut().set_gravity(across),
+        }
+        let dt = 0.5 * bar.largest_stable_step().unwrap();
+        bar.run(100, dt).unwrap();
+        bar.positions().unwrap()
+    });
+    let far = ends[0].iter().zip(&ends[1]);
+    let far = far.map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+    let rest = generate::bar([8, 2, 2], DVec3::new(0.4, 0.1, 0.1)).unwrap();
+    let moved = ends[0].iter().zip(&rest.nodes);
+    let moved = moved.map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+    assert!(moved > 1e-4 && far < 1e-4 * moved, "{far} of {moved}");
+}
+
+#[test]
+fn shaders_that_are_none_are_refused() {
+    for (name, source, words) in [
+        ("alone", "", "a room and a name"),
+        ("suite/two words", "", "a room and a name"),
+        ("physics/forces", "", "already"),
+        ("suite/broken", "fn main( {", "suite/broken"),
+        ("suite/lost", "#import lib/nowhere\n", "lib/nowhere"),
+    ] {
+        let error: Error = add_shader(name, source).unwrap_err();
+        assert!(error.to_string().contains(words), "{name}: {error}");
+    }
+    add_shader("suite/fine", "@compute @workgroup_size(1) fn main() {}").unwrap();
+    add_shader("suite/fine", "@compute @workgroup_size(1) fn main() {}").unwrap();
+    let other = "@compute @workgroup_size(2) fn main() {}";
+    assert!(add_shader("suite/fine", other).is_err());
+    // What was refused may be mended.
+    add_shader("suite/broken", other).unwrap();
+}

@@ -1,0 +1,156 @@
+//! Rigid regions as scenes and engines have them.
+
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::mesh::{Blade, Field, Location, TetMesh, generate};
+use palpate::physics::{
+    ConjugateGradients, CpuTets, Engine, EngineChoice, Material, MaterialModel, Simulator,
+    SolverKind,
+};
+use palpate::scene::{Scene, Stage};
+
+/// A bar along x with a bone in its middle half.
+fn bar() -> (TetMesh, Material) {
+    let mut mesh = generate::bar([12, 4, 4], DVec3::new(1.2, 0.4, 0.4)).unwrap();
+    let labels = (0..mesh.tets.len()).map(|t| {
+        let x = mesh.tet_nodes(t).iter().map(|p| p.x).sum::<f64>() / 4.0;
+        if (0.3..0.9).contains(&x) { 1.0 } else { 0.0 }
+    });
+    let labels = Field::scalar("label", Location::Cell, labels.collect());
+    mesh.set_field(labels).unwrap();
+    let mut material = Material {
+        model: MaterialModel::NeoHookean,
+        region_field: Some("label".into()),
+        ..Material::soft_tissue()
+    };
+    material.rigid.insert(1);
+    (mesh, material)
+}
+
+#[test]
+fn they_are_stepped_on_the_cpu() {
+    let gpu = gpu();
+    let (mesh, material) = bar();
+    let made =
+        |choice: EngineChoice, kind: SolverKind| choice.tets(&gpu, mesh.clone(), &material, kind);
+    let body = made(EngineChoice::Auto, SolverKind::Implicit).unwrap();
+    assert_eq!(body.engine(), Engine::Cpu);
+    assert_eq!(body.network().unwrap().elements.rigid.len(), 1);
+    let refused = |choice, kind| made(choice, kind).err().unwrap().to_string();
+    let on_gpu = refused(EngineChoice::This(Engine::Gpu), SolverKind::Implicit);
+    assert!(on_gpu.contains("take --engine cpu"), "{on_gpu}");
+    let explicit = refused(EngineChoice::Auto, SolverKind::Verlet);
+    assert!(
+        explicit.contains("take implicit, bdf2 or midpoint"),
+        "{explicit}"
+    );
+    let springs = Material {
+        model: MaterialModel::Springs,
+        ..material.clone()
+    };
+    let springs = EngineChoice::Auto.tets(&gpu, mesh.clone(), &springs, SolverKind::Implicit);
+    let springs = springs.err().unwrap().to_string();
+    assert!(
+        springs.contains("springs have no rigid regions"),
+        "{springs}"
+    );
+}
+
+#[test]
+fn a_bone_that_is_cut_through_is_two() {
+    let (gpu, (mesh, material)) = (gpu(), bar());
+    let how = (SolverKind::Implicit, ConjugateGradients::default());
+    let mut body = CpuTets::<f32>::new(&gpu, mesh, &material, how.0, how.1).unwrap();
+    let end = |v: &u32| body.mesh().nodes[*v as usize].x < 1e-6;
+    let end: Vec<u32> = (0..body.mesh().nodes.len() as u32).filter(end).collect();
+    body.pin_nodes(&end).unwrap();
+    body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
+    body.run(5, 0.01).unwrap();
+    let momentum = |body: &CpuTets<f32>| -> DVec3 {
+        let all = body.velocities().unwrap().into_iter().zip(body.masses());
+        all.map(|(v, m)| v * *m).sum()
+    };
+    let (before, was) = (body.positions().unwrap(), momentum(&body));
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+    let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.61, y, z))).unwrap();
+    let change = body.cut(&blade).unwrap();
+    assert!(!change.mesh.doubled.is_empty());
+    let bones = body.network().unwrap().elements.rigid.clone();
+    assert_eq!(bones.len(), 2);
+    let after = body.positions().unwrap();
+    let moved = before.iter().zip(&after).map(|(a, b)| a.distance(*b));
+    assert!(moved.fold(0.0, f64::max) < 1e-6);
+    assert!(momentum(&body).distance(was) < 1e-2 * was.length());
+    body.run(30, 0.01).unwrap();
+    let now = body.positions().unwrap();
+    let rest = &body.mesh().nodes;
+    let gap = |nodes: &[u32], x: &[DVec3]| {
+        let all = nodes.iter().flat_map(|a| nodes.iter().map(move |b| (a, b)));
+        let off = all.map(|(a, b)| {
+            let [a, b] = [a, b].map(|v| *v as usize);
+            (x[a].distance(x[b]) - rest[a].distance(rest[b])).abs()
+        });
+        off.fold(0.0, f64::max)
+    };
+    for bone in &bones {
+        assert!(gap(&bone.nodes, &now) < 1e-9);
+    }
+    // The loose one has fallen away.
+    let both: Vec<u32> = bones.iter().flat_map(|b| b.nodes.clone()).collect();
+    assert!(gap(&both, &now) > 0.1);
+}
+
+#[test]
+fn scenes_name_them() {
+    let text = "[mesh]\ngenerate = \"limb\"\ntets = 3000\n\
+        [material]\nmodel = \"neo-hookean\"\nyoung = 1e5\n\
+        bone = { rigid = true }\nmarrow = { rigid = true, young = 1e5 }\n\
+        [solver]\nname = \"implicit\"\ndt = 0.01\nsteps = 2\n\
+        [[pin]]\naxis = \"x\"\nbelow = 0.04\n";
+    let gpu = gpu();
+    let scene = Scene::parse(text).unwrap();
+    let mut stage = Stage::new(&gpu, &scene).unwrap();
+    let motion = stage.motion().unwrap();
+    assert_eq!(motion.engine(), Engine::Cpu);
+    assert!(motion.rigid_bodies() > 0);
+    let notes = stage.notes().join("\n");
+    println!("{notes}");
+    assert!(notes.contains("bone, rigid: 1920 kg/m³"), "{notes}");
+    assert!(notes.contains("on their surfaces take part"), "{notes}");
+    assert!(notes.contains("share nodes are one body"), "{notes}");
+    stage.keep_checkpoints();
+    stage.run(3, &mut |_| {}).unwrap();
+    let half = stage.checkpoint(&[]).unwrap();
+    stage.run(3, &mut |_| {}).unwrap();
+    let mut resumed = Stage::new(&gpu, &scene).unwrap();
+    resumed.resume(&half).unwrap();
+    resumed.run(3, &mut |_| {}).unwrap();
+    let nodes = |stage: &Stage| stage.deformed_mesh().unwrap().nodes;
+    assert_eq!(nodes(&stage), nodes(&resumed));
+    assert_ne!(nodes(&stage), stage.mesh().nodes);
+    // Where there is none it is said, and what has none refuses it.
+    for (more, words) in [
+        ("[cage]\nnodes = 100\n", "have no rigid regions"),
+        ("", "springs have no rigid regions"),
+    ] {
+        let mut scene = Scene::parse(&format!("{text}{more}")).unwrap();
+        if more.is_empty() {
+            scene.material.model = None;
+        }
+        let said = Stage::new(&gpu, &scene).err().unwrap().to_string();
+        assert!(said.contains(words), "{said}");
+    }
+}
+
+#[test]
+fn scenes_part_regions() {
+    let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000\n";
+    let whole = Scene::parse(text).unwrap().mesh.load().unwrap();
+    let parted = format!("{text}part = [[\"cortical bone\", \"MUSCLE\"]]\n");
+    let parted = Scene::parse(&parted).unwrap().mesh.load().unwrap();
+    assert_eq!(parted.tets.len(), whole.tets.len());
+    assert!(parted.nodes.len() > whole.nodes.len());
+    let wrong = format!("{text}part = [[\"cortical bone\", \"wood\"]]\n");
+    let said = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
+    assert!(said.to_string().contains("\"wood\"; there are"), "{said}");
+}
