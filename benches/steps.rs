@@ -3,7 +3,8 @@
 //!
 //!     cargo bench --bench steps -- [TETS … | limb:TETS | FILE …] [--solver NAME] [--dt S]
 //!                                  [--bone FACTOR] [--unit M] [--engine NAME]
-//!                                  [--material MODEL] [--poisson RATIO] [--rod FACTOR] [--error]
+//!                                  [--material MODEL] [--poisson RATIO] [--volume VOLUME]
+//!                                  [--rod FACTOR] [--error]
 //!
 //! The bar is 0.8 × 0.2 × 0.2 m, 1000 kg/m³, E = 1 MPa; limb and files are of 30 kPa, the bones of
 //! a limb FACTOR times as stiff (1,000 where nothing is said). One end held, gravity across,
@@ -17,7 +18,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location, TetMesh, generate};
 use palpate::physics::{
     ConjugateGradients, CpuTets, Engine, EngineChoice, HeldEnd, Material, MaterialModel,
-    RegionMaterial, Simulator, SolverKind, Stiffness,
+    RegionMaterial, Simulator, SolverKind, Stiffness, VolumeModel,
 };
 use std::time::{Duration, Instant};
 
@@ -28,6 +29,7 @@ fn main() -> palpate::Result<()> {
     let (mut dt, mut bone, mut unit) = (0.01, 1000.0, 1.0);
     let (mut model, mut poisson, mut rod, mut wants_error) =
         (MaterialModel::Springs, 0.3, 1.0, false);
+    let mut volume = VolumeModel::default();
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
         let mut number = |default: f64| {
@@ -42,6 +44,7 @@ fn main() -> palpate::Result<()> {
             "--rod" => rod = number(1000.0),
             "--error" => wants_error = true,
             "--material" => model = arguments.next().unwrap_or_default().parse()?,
+            "--volume" => volume = arguments.next().unwrap_or_default().parse()?,
             "--solver" => kinds = vec![arguments.next().unwrap_or_default().parse()?],
             "--engine" => match arguments.next().unwrap_or_default().parse()? {
                 EngineChoice::This(engine) => engines = vec![engine],
@@ -60,7 +63,7 @@ fn main() -> palpate::Result<()> {
     );
     for body in &bodies {
         let (mut mesh, mut material) = named(body, bone, unit)?;
-        (material.model, material.poisson) = (model, poisson);
+        (material.model, material.poisson, material.volume) = (model, poisson, volume);
         if rod != 1.0 {
             stiffen(&mut mesh, &mut material, rod)?;
         }

@@ -1,7 +1,7 @@
 //! The flags every picture needs, laid over a scene's values.
 
 use clap::Args;
-use palpate::physics::{EngineChoice, MaterialModel};
+use palpate::physics::{EngineChoice, MaterialModel, VolumeModel};
 use palpate::render::Light;
 use palpate::scene::{Scene, Unit};
 use std::path::{Path, PathBuf};
@@ -10,9 +10,14 @@ use std::str::FromStr;
 /// Flags of `render` and `simulate`; each overrides what a scene file says.
 #[derive(Args, Clone, Debug, Default)]
 pub struct SceneFlags {
-    /// Field to see; default: the regions, the first scalar, or the depth below the surface
+    /// Field to see; default: the regions, the first scalar, or the depth below the surface. Of a
+    /// body that moves also displacement, von_mises, stress_1, stress_2, stress_3, strain, J,
+    /// energy_density
     #[arg(long, help_heading = "Picture")]
     pub field: Option<String>,
+    /// Smallest and largest value of the field, LOW,HIGH, which stand for what is beyond them
+    #[arg(long, help_heading = "Picture", value_parser = pair, allow_hyphen_values = true)]
+    pub range: Option<Pair>,
     /// Transfer function: a JSON file or a preset (an unknown name lists them)
     #[arg(long, help_heading = "Picture")]
     pub transfer: Option<String>,
@@ -64,6 +69,15 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Camera")]
     pub orthographic: Option<f64>,
 
+    /// Fields computed of the body that are written with its meshes, in tets: those of --field, with
+    /// commas between; von_mises@nodes for the means around each node
+    #[arg(
+        long,
+        value_name = "FIELDS",
+        help_heading = "Physics",
+        value_delimiter = ','
+    )]
+    pub write_fields: Vec<String>,
     /// explicit, symplectic, verlet, velocity-verlet or implicit; of elements also bdf2 and midpoint,
     /// of second order at large steps; default: the mesh stays at rest
     #[arg(long, help_heading = "Physics")]
@@ -90,6 +104,10 @@ pub struct SceneFlags {
     /// Poisson's ratio of neo-hookean and corotated [default: 0.4]; springs have 1/4
     #[arg(long, help_heading = "Physics")]
     pub poisson: Option<f64>,
+    /// What neo-hookean and corotated measure changes of volume on: per-tet, or averaged, which
+    /// does not lock where Poisson's ratio nears 1/2 [default: per-tet]
+    #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
+    pub volume: Option<VolumeModel>,
     /// Density in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -145,7 +163,15 @@ impl SceneFlags {
         put(given.look_at.map(|t| t.0), &mut scene.camera.look_at);
         put(given.up.map(|t| t.0), &mut scene.camera.up);
         put(given.gravity.map(|t| t.0), &mut scene.solver.gravity);
+        if given.field.is_some() {
+            // That of the scene's own field.
+            scene.picture.range = None;
+        }
         over(given.field, &mut scene.picture.field);
+        over(given.range.map(|r| r.0), &mut scene.picture.range);
+        if !given.write_fields.is_empty() {
+            scene.output.fields = given.write_fields;
+        }
         over(given.transfer, &mut scene.picture.transfer);
         over(given.size, &mut scene.picture.size);
         over(given.mode, &mut scene.picture.mode);
@@ -178,6 +204,7 @@ impl SceneFlags {
             over(given.material, &mut material.model);
             over(given.young, &mut material.young);
             over(given.poisson, &mut material.poisson);
+            over(given.volume, &mut material.volume);
             over(given.density, &mut material.density);
             if given.damping.is_some() {
                 (material.damping_ratio, material.damping_hz) = (None, None);
@@ -204,6 +231,18 @@ impl SceneFlags {
 fn over<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
+    }
+}
+
+/// Two numbers separated by a comma, the smaller first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair(pub [f64; 2]);
+
+fn pair(text: &str) -> Result<Pair, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.ok().map(<[f64; 2]>::try_from) {
+        Some(Ok([low, high])) if low < high && (high - low).is_finite() => Ok(Pair([low, high])),
+        _ => Err("two numbers LOW,HIGH are expected, the smaller first".into()),
     }
 }
 

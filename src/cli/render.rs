@@ -63,6 +63,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     // Also when the simulation failed: its last good state is worth a look.
     if let Some(out) = &arguments.out {
         progress::during("drawing", || stage.save(out))?;
+        super::tell(&stage.field_note().into_iter().collect::<Vec<_>>());
     }
     if let Some(path) = &arguments.mesh_out {
         super::tell(&io::write(path, &stage.deformed_mesh()?)?);

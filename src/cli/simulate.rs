@@ -6,7 +6,7 @@ use clap::Args;
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
-use palpate::scene::{Checkpoint, Run, Stage};
+use palpate::scene::{Checkpoint, ReactionLog, Run, Stage};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `simulate`.
@@ -26,6 +26,10 @@ pub struct SimulateArguments {
     /// Write no meshes
     #[arg(long)]
     no_meshes: bool,
+    /// Write what the body exerts on its pins and grabs, a line each for every frame, as CSV: force
+    /// in N, moment about the origin in N·m
+    #[arg(long, value_name = "FILE.csv")]
+    reactions: Option<PathBuf>,
     /// Go on where a run into the same folder was interrupted, or with more frames
     #[arg(long)]
     resume: bool,
@@ -40,6 +44,12 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         if arguments.resume {
             anyhow::bail!(
                 "{}: a recorded series is not simulated, so there is nothing to resume; leave --resume out",
+                arguments.input.display()
+            );
+        }
+        if arguments.reactions.is_some() {
+            anyhow::bail!(
+                "{}: a recorded series is not simulated, so there are no reactions; leave --reactions out",
                 arguments.input.display()
             );
         }
@@ -91,6 +101,19 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         false if first > 0 => Some(PvdSeries::resume(&arguments.out, &name, &times)?),
         false => Some(PvdSeries::create(&arguments.out, &name)?),
     };
+    let reactions = arguments.reactions.clone();
+    let reactions = reactions.or(scene.output.reactions.map(|file| arguments.out.join(file)));
+    let mut reactions = match reactions {
+        None => None,
+        Some(path) => {
+            // Before the work: a body of which they are not known is known to be one.
+            stage.reactions()?;
+            Some(match first > 0 {
+                true => ReactionLog::resume(path, &times)?,
+                false => ReactionLog::create(path)?,
+            })
+        }
+    };
     progress::over(
         "frames",
         u64::from(arguments.frames),
@@ -113,6 +136,9 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                 if let Some(series) = &mut series {
                     stage.push(series)?;
                 }
+                if let Some(reactions) = &mut reactions {
+                    reactions.push(&mut stage)?;
+                }
                 moved?;
                 times.push(stage.time());
                 stage.checkpoint(&times)?.write(&kept)?;
@@ -121,6 +147,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
             Ok(())
         },
     )?;
+    super::tell(&stage.field_note().into_iter().collect::<Vec<_>>());
     Ok(Outcome::Done)
 }
 

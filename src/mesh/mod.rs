@@ -99,6 +99,23 @@ impl TetMesh {
             .find(|f| f.name == name && f.location == location)
     }
 
+    /// Means of one number a tet around each node, by volume.
+    pub fn means_around_nodes(&self, scalars: &[f64]) -> Vec<f64> {
+        let mut sums = vec![(0.0, 0.0); self.nodes.len()];
+        for (t, (tet, value)) in self.tets.iter().zip(scalars).enumerate() {
+            let weight = self.tet_volume(t);
+            for v in tet {
+                let sum = &mut sums[*v as usize];
+                *sum = (sum.0 + weight * value, sum.1 + weight);
+            }
+        }
+        // Nodes of no tet, as grids have them, are never seen.
+        let unseen = scalars.first().copied().unwrap_or(0.0);
+        sums.iter()
+            .map(|(sum, weight)| if *weight > 0.0 { sum / weight } else { unseen })
+            .collect()
+    }
+
     /// Adds a field, replacing one of the same name and location.
     ///
     /// # Errors

@@ -11,8 +11,12 @@
 //!   section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1 for
 //!   inverted tets too.
 
+use super::VolumeModel;
 use super::rigid::RigidBody;
 use glam::{DMat3, DVec3};
+
+/// The second derivatives of a tet's energy by its nodes a and b, at `[a][b]`.
+pub type Blocks = [[DMat3; 4]; 4];
 
 /// How energy goes with strain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,13 +39,20 @@ pub struct Element {
     pub volume: f64,
     /// μ and λ as they enter the energy, Pa: of [`Law::NeoHookean`] the second is λ + μ.
     pub lame: [f64; 2],
+    /// Which material it is of: tets of different ones share no volume.
+    pub region: u32,
 }
 
 /// The finite elements of a body.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Elements {
     /// The law of all of them.
     pub law: Law,
+    /// What their changes of volume are measured on.
+    pub volume: VolumeModel,
+    /// Of [`VolumeModel::Averaged`]: λ over μ up to which each tet keeps its own volume. It holds
+    /// motions in which tets grow and shrink by turns and what is around each node does not.
+    pub kept: f64,
     /// The tets, without those of rigid bodies.
     pub tets: Vec<Element>,
     /// What moves as one body.
@@ -127,6 +138,7 @@ impl Element {
             inverse,
             volume,
             lame,
+            region: 0,
         })
     }
 
@@ -135,6 +147,25 @@ impl Element {
         let rows = self.inverse.transpose();
         let [a, b, c] = [rows.x_axis, rows.y_axis, rows.z_axis];
         [-(a + b + c), a, b, c]
+    }
+
+    /// Lamé's μ and λ, Pa.
+    pub(crate) fn small_strain(&self, law: Law) -> [f64; 2] {
+        let [mu, second] = self.lame;
+        match law {
+            Law::NeoHookean => [mu, second - mu],
+            Law::Corotated => [mu, second],
+        }
+    }
+
+    /// Where its nodes are, of the nodes at `x`.
+    pub(crate) fn corners(&self, x: &[DVec3]) -> [DVec3; 4] {
+        self.nodes.map(|v| x[v as usize])
+    }
+
+    /// ∂J/∂F with its nodes at `corners`, m.
+    pub(crate) fn cofactor(&self, corners: &[DVec3; 4]) -> DMat3 {
+        cofactor(&self.deformation(corners))
     }
 
     /// F of the tet with its nodes at `corners`, m.
@@ -156,18 +187,35 @@ impl Element {
 
     /// Forces on the nodes at `corners` (m), N: −V P g_a.
     pub fn forces(&self, law: Law, corners: &[DVec3; 4]) -> [DVec3; 4] {
-        let f = self.deformation(corners);
-        let [mu, lambda] = self.lame;
-        let (j, c) = (f.determinant(), cofactor(&f));
-        let stress = match law {
-            Law::NeoHookean => f * mu + c * (lambda * (j - 1.0) - mu),
-            Law::Corotated => (f - polar(&f).0) * (2.0 * mu) + c * (lambda * (j - 1.0)),
-        };
+        self.forces_under(law, corners, 0.0)
+    }
+
+    /// As [`Element::forces`] where `pressure` (Pa, positive where it pulls) is added to that of
+    /// the law.
+    pub(crate) fn forces_under(&self, law: Law, corners: &[DVec3; 4], pressure: f64) -> [DVec3; 4] {
+        let stress = self.stress(law, &self.deformation(corners), pressure);
         self.gradients().map(|g| stress * g * -self.volume)
     }
 
+    /// The first Piola–Kirchhoff stress P = ∂Ψ/∂F at F = `f`, Pa, where `pressure` (Pa, positive
+    /// where it pulls) is added to that of the law.
+    pub fn stress(&self, law: Law, f: &DMat3, pressure: f64) -> DMat3 {
+        let [mu, lambda] = self.lame;
+        let (j, c) = (f.determinant(), cofactor(f));
+        let pressure = pressure + lambda * (j - 1.0);
+        match law {
+            Law::NeoHookean => *f * mu + c * (pressure - mu),
+            Law::Corotated => (*f - polar(f).0) * (2.0 * mu) + c * pressure,
+        }
+    }
+
     /// The second derivatives of the energy by nodes a and b at `[a][b]`, N/m, exactly.
-    pub fn stiffness(&self, law: Law, corners: &[DVec3; 4]) -> [[DMat3; 4]; 4] {
+    pub fn stiffness(&self, law: Law, corners: &[DVec3; 4]) -> Blocks {
+        self.stiffness_under(law, corners, 0.0)
+    }
+
+    /// As [`Element::stiffness`] under a pressure that stays.
+    pub(crate) fn stiffness_under(&self, law: Law, corners: &[DVec3; 4], pressure: f64) -> Blocks {
         let f = self.deformation(corners);
         let gradients = self.gradients();
         let mut blocks = [[DMat3::ZERO; 4]; 4];
@@ -175,7 +223,7 @@ impl Element {
             for (k, axis) in DVec3::AXES.iter().enumerate() {
                 // Node b moves along the axis.
                 let change = DMat3::from_cols(*axis * gb.x, *axis * gb.y, *axis * gb.z);
-                let stress = self.stress_change(law, &f, &change);
+                let stress = self.stress_change(law, &f, &change, pressure);
                 for (a, ga) in gradients.iter().enumerate() {
                     *blocks[a][b].col_mut(k) = stress * *ga * self.volume;
                 }
@@ -186,13 +234,25 @@ impl Element {
 
     /// [`Element::stiffness`] with the negative eigenvalues of ∂P/∂F put to zero (Teran et al. 2005,
     /// "Robust Quasistatic Finite Elements and Flesh Simulation", section 6).
-    pub fn projected_stiffness(&self, law: Law, corners: &[DVec3; 4]) -> [[DMat3; 4]; 4] {
+    pub fn projected_stiffness(&self, law: Law, corners: &[DVec3; 4]) -> Blocks {
+        self.projected_stiffness_under(law, corners, 0.0)
+    }
+
+    /// As [`Element::projected_stiffness`] under a pressure that stays.
+    pub(crate) fn projected_stiffness_under(
+        &self,
+        law: Law,
+        corners: &[DVec3; 4],
+        pressure: f64,
+    ) -> Blocks {
         let f = self.deformation(corners);
         let mut full = [[0.0; 9]; 9];
         for (k, row) in full.iter_mut().enumerate() {
             let mut change = DMat3::ZERO;
             change.col_mut(k / 3)[k % 3] = 1.0;
-            *row = self.stress_change(law, &f, &change).to_cols_array();
+            *row = self
+                .stress_change(law, &f, &change, pressure)
+                .to_cols_array();
         }
         let (values, vectors) = eigen(full);
         let gradients = self.gradients();
@@ -215,14 +275,15 @@ impl Element {
         blocks
     }
 
-    /// How the stress P changes when F = `f` changes by `d`.
-    fn stress_change(&self, law: Law, f: &DMat3, d: &DMat3) -> DMat3 {
+    /// How the stress P changes when F = `f` changes by `d`, under a pressure that stays.
+    fn stress_change(&self, law: Law, f: &DMat3, d: &DMat3, pressure: f64) -> DMat3 {
         let [mu, lambda] = self.lame;
         let (j, c) = (f.determinant(), cofactor(f));
+        let pressure = pressure + lambda * (j - 1.0);
         let volume = c * (lambda * double_dot(&c, d));
         let turning = cofactor_change(f, d);
         match law {
-            Law::NeoHookean => *d * mu + volume + turning * (lambda * (j - 1.0) - mu),
+            Law::NeoHookean => *d * mu + volume + turning * (pressure - mu),
             Law::Corotated => {
                 let (r, s) = polar(f);
                 // dR = R [ω]×, (tr S I − S) ω the axial vector of RᵀdF − dFᵀR.
@@ -236,7 +297,7 @@ impl Element {
                     DVec3::new(-w.z, 0.0, w.x),
                     DVec3::new(w.y, -w.x, 0.0),
                 );
-                (*d - r * cross) * (2.0 * mu) + volume + turning * (lambda * (j - 1.0))
+                (*d - r * cross) * (2.0 * mu) + volume + turning * pressure
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::grid::{GpuGrid, GridBody, GridModel};
 use super::{
     Body, ConjugateGradients, CpuGrid, CpuTets, GpuTets, ImplicitEuler, Material, Simulator,
-    Solver, SolverKind, SpringNetwork,
+    Solver, SolverKind, SpringNetwork, VolumeModel,
 };
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -115,8 +115,10 @@ impl EngineChoice {
         (kind, settings): (SolverKind, ConjugateGradients),
     ) -> Result<Box<dyn Simulator>> {
         // What only one engine has is taken from there, unless the other was asked for.
-        let rigid = !network.elements.rigid.is_empty();
-        let of_cpu = rigid || SolverKind::OF_ELEMENTS.contains(&kind);
+        let elements = &network.elements;
+        let of_cpu = SolverKind::OF_ELEMENTS.contains(&kind)
+            || elements.volume == VolumeModel::Averaged
+            || !elements.rigid.is_empty();
         if of_cpu && self == EngineChoice::Auto || self.engine(gpu) == Engine::Cpu {
             let body = CpuTets::<f32>::of_network(gpu, mesh, network, material, kind, settings)?;
             return Ok(Box::new(body));

@@ -4,12 +4,12 @@
 //! A pass over tets makes the forces on the four corners of each; the pass that gathers all forces
 //! of a node adds them up, through rows of the corners at each node.
 
-use super::Law;
 use super::gpu_springs::GpuSprings;
 use super::gpu_terms::{GpuTerm, Part};
 use super::network::SpringNetwork;
 use super::rows::Rows;
 use super::units::Units;
+use super::{Law, VolumeModel};
 use crate::gpu::{Array, Gpu, Pass, PassBuilder, Texel};
 use crate::{Error, Result};
 use glam::Vec3;
@@ -99,6 +99,11 @@ impl GpuElements {
         let elements = &network.elements;
         if elements.is_empty() {
             return Ok(None);
+        }
+        if elements.volume == VolumeModel::Averaged {
+            return Err(Error::Input(
+                "volumes averaged around nodes are simulated on the processor only: take the engine cpu or auto (--engine), or the volume per-tet (--volume)".into(),
+            ));
         }
         let count = elements.tets.len();
         if count >= 1 << 28 {

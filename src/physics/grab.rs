@@ -1,5 +1,6 @@
 //! Grabbing: nodes that follow a target, exactly or by springs with a limit.
 
+use super::reactions::Held;
 use super::state::{GrabsState, HeldState};
 use crate::mesh::LocalFrame;
 use crate::{Error, Result};
@@ -56,6 +57,26 @@ pub(super) struct Grab {
     pub offsets: Vec<DVec3>,
     pub target: DVec3,
     pub grip: Grip,
+}
+
+impl Grab {
+    /// Each of its nodes, and what holds it.
+    pub fn held(&self) -> impl Iterator<Item = Held> {
+        let share = self.nodes.len() as f64;
+        let grip = match self.grip {
+            Grip::Follow => Grip::Follow,
+            Grip::Spring { stiffness, limit } => Grip::Spring {
+                stiffness: stiffness / share,
+                limit: limit / share,
+            },
+        };
+        let nodes = self.nodes.iter().zip(&self.offsets);
+        nodes.map(move |(node, offset)| Held {
+            node: *node,
+            place: self.target + *offset,
+            grip,
+        })
+    }
 }
 
 /// The grabs of a body.
@@ -146,6 +167,12 @@ impl Grabs {
         let moved = grab.target != target;
         grab.target = target;
         Ok(moved)
+    }
+
+    /// What one of them holds.
+    pub(super) fn held_by(&self, id: GrabId) -> Result<Vec<Held>> {
+        let grab = self.grabs.get(&id).ok_or_else(unknown)?;
+        Ok(grab.held().collect())
     }
 
     /// All of them, to be kept.

@@ -1,6 +1,8 @@
 //! What holds a body and what pulls it, whatever engine steps it.
 
+use super::LevelId;
 use super::grab::{GrabId, Grabs, Grip};
+use super::reactions::Held;
 use super::state::GrabsState;
 use crate::mesh::{LocalFrame, TetCut};
 use crate::{Error, Result};
@@ -18,6 +20,8 @@ pub(super) struct LoadVersions {
     pub forces: u64,
     /// Of which nodes are pinned, or held by a grab.
     pub held: u64,
+    /// Of levels.
+    pub levels: u64,
 }
 
 /// Pins, grabs, gravity and forces, by the numbers of a body's nodes: the same for every engine,
@@ -32,7 +36,41 @@ pub struct Loads {
     forces: Vec<DVec3>,
     pinned: Vec<bool>,
     pub(super) grabs: Grabs,
+    led: Vec<Led>,
+    levels: Vec<f64>,
     pub(super) versions: LoadVersions,
+}
+
+/// Names nodes that are led.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LedId(usize);
+
+/// Nodes that are led along, each at a place and a velocity.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Led {
+    nodes: Vec<u32>,
+    places: Vec<[f64; 3]>,
+    velocities: Vec<[f64; 3]>,
+}
+
+impl Led {
+    /// Each node with its place and velocity, in file units.
+    pub fn each(&self) -> impl Iterator<Item = (u32, DVec3, DVec3)> {
+        let ways = self.places.iter().zip(&self.velocities);
+        let nodes = self.nodes.iter().zip(ways);
+        nodes.map(|(v, (x, w))| (*v, DVec3::from(*x), DVec3::from(*w)))
+    }
+
+    /// Follows a cut: doubles are led as the nodes they come from.
+    fn follow(&mut self, cut: &TetCut) {
+        for [new, old] in &cut.doubled {
+            if let Some(k) = self.nodes.iter().position(|v| v == old) {
+                self.nodes.push(*new);
+                self.places.push(self.places[k]);
+                self.velocities.push(self.velocities[k]);
+            }
+        }
+    }
 }
 
 /// What [`Loads`] are, to be kept.
@@ -42,6 +80,8 @@ pub(super) struct LoadsState {
     forces: Vec<[f64; 3]>,
     pinned: Vec<bool>,
     grabs: GrabsState,
+    led: Vec<Led>,
+    levels: Vec<f64>,
     versions: LoadVersions,
 }
 
@@ -55,6 +95,8 @@ impl Loads {
             forces: vec![DVec3::ZERO; nodes],
             pinned: vec![false; nodes],
             grabs: Grabs::new(frame),
+            led: Vec::new(),
+            levels: Vec::new(),
             versions: LoadVersions::default(),
         }
     }
@@ -181,8 +223,7 @@ impl Loads {
         (centre, radius): (DVec3, f64),
         grip: Grip,
     ) -> Result<GrabId> {
-        let mut free: Vec<bool> = self.pinned.iter().map(|pinned| !pinned).collect();
-        self.grabs.held().for_each(|i| free[i as usize] = false);
+        let free: Vec<bool> = self.held().iter().map(|held| !held).collect();
         let free = |i: usize| free[i] && there(i);
         let grab = self.grabs.add(positions, free, centre, radius, grip)?;
         self.grabs_changed();
@@ -201,6 +242,14 @@ impl Loads {
         Ok(())
     }
 
+    /// What a grab holds.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there.
+    pub fn held_by(&self, grab: GrabId) -> Result<Vec<Held>> {
+        self.grabs.held_by(grab)
+    }
+
     /// Lets go of a grab's nodes. Returns how many they are.
     ///
     /// # Errors
@@ -217,10 +266,92 @@ impl Loads {
         self.versions.any += 1;
     }
 
+    /// Leads `nodes` along from now on, which stand at `places` (file units); the engine has to be
+    /// one that can: [`Simulator::lead`](super::Simulator::lead).
+    pub(super) fn lead(&mut self, nodes: &[u32], places: &[DVec3]) -> Result<LedId> {
+        let held = self.held();
+        if let Some(v) = nodes
+            .iter()
+            .find(|v| held.get(**v as usize) != Some(&false))
+        {
+            return Err(Error::Input(format!(
+                "node {v} cannot be led along: it is pinned, held or led already, or there are not so many nodes; leave it out of one of them"
+            )));
+        }
+        if nodes.is_empty() || nodes.len() != places.len() {
+            return Err(Error::Input(format!(
+                "{} places are given for {} nodes that are to be led",
+                places.len(),
+                nodes.len()
+            )));
+        }
+        self.led.push(Led {
+            nodes: nodes.to_vec(),
+            places: places.iter().map(|p| p.to_array()).collect(),
+            velocities: vec![[0.0; 3]; nodes.len()],
+        });
+        self.grabs_changed();
+        Ok(LedId(self.led.len() - 1))
+    }
+
+    /// Puts nodes that are led at `places` (file units), from where they go on at `velocities`
+    /// (file units a second) until they are told otherwise.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of them, or any that is not finite.
+    pub fn set_led(&mut self, id: LedId, places: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        let count = self.led.get(id.0).map_or(0, |led| led.nodes.len());
+        let finite = places.iter().chain(velocities).all(|v| v.is_finite());
+        if [places.len(), velocities.len()] != [count; 2] || !finite {
+            return Err(Error::Input(format!(
+                "{} places and {} velocities for {count} nodes that are led, or some that are no numbers",
+                places.len(),
+                velocities.len()
+            )));
+        }
+        let led = &mut self.led[id.0];
+        let places: Vec<[f64; 3]> = places.iter().map(|p| p.to_array()).collect();
+        let velocities: Vec<[f64; 3]> = velocities.iter().map(|v| v.to_array()).collect();
+        if (&led.places, &led.velocities) != (&places, &velocities) {
+            (led.places, led.velocities) = (places, velocities);
+            self.versions.grabs += 1;
+            self.versions.any += 1;
+        }
+        Ok(())
+    }
+
+    pub(super) fn led(&self) -> &[Led] {
+        &self.led
+    }
+
+    /// Adds a level, at 0.
+    pub(super) fn add_level(&mut self) -> LevelId {
+        self.levels.push(0.0);
+        self.versions.levels += 1;
+        self.versions.any += 1;
+        LevelId(self.levels.len() - 1)
+    }
+
+    pub(super) fn levels(&self) -> &[f64] {
+        &self.levels
+    }
+
+    pub(super) fn set_level(&mut self, id: LevelId, level: f64) {
+        if let Some(own) = self.levels.get_mut(id.0).filter(|own| **own != level) {
+            *own = level;
+            self.versions.levels += 1;
+            self.versions.any += 1;
+        }
+    }
+
     /// Which nodes cannot move by themselves: pinned, or held where a grab has them.
     pub(super) fn held(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
-        self.grabs.held().for_each(|i| held[i as usize] = true);
+        let led = self.led.iter().flat_map(|led| led.nodes.iter().copied());
+        self.grabs
+            .held()
+            .chain(led)
+            .for_each(|i| held[i as usize] = true);
         held
     }
 
@@ -229,6 +360,9 @@ impl Loads {
     pub(super) fn follow(&mut self, cut: &TetCut, masses: &[f64]) -> bool {
         for [_, old] in &cut.doubled {
             self.pinned.push(self.pinned[*old as usize]);
+        }
+        for led in &mut self.led {
+            led.follow(cut);
         }
         self.forces.resize(masses.len(), DVec3::ZERO);
         let mut shared = false;
@@ -261,6 +395,8 @@ impl Loads {
             forces: self.forces.iter().map(|f| f.to_array()).collect(),
             pinned: self.pinned.clone(),
             grabs: self.grabs.state(),
+            led: self.led.clone(),
+            levels: self.levels.clone(),
             versions: self.versions,
         }
     }
@@ -274,7 +410,19 @@ impl Loads {
                 state.pinned.len()
             )));
         }
+        let alike = state.led.len() == self.led.len()
+            && state.levels.len() == self.levels.len()
+            && state.led.iter().zip(&self.led).all(|(a, b)| {
+                a.nodes == b.nodes && [a.places.len(), a.velocities.len()] == [a.nodes.len(); 2]
+            });
+        if !alike {
+            return Err(Error::Input(
+                "the loads of a body with other nodes led, pressures or muscles".into(),
+            ));
+        }
         self.grabs.set_state(&state.grabs, nodes)?;
+        self.led.clone_from(&state.led);
+        self.levels.clone_from(&state.levels);
         self.gravity = state.gravity.into();
         self.forces = state.forces.iter().map(|f| DVec3::from(*f)).collect();
         self.pinned.clone_from(&state.pinned);

@@ -1,5 +1,6 @@
 //! What a body is made of: stiffness, mass, damping.
 
+use super::VolumeModel;
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -95,6 +96,8 @@ pub struct Material {
     pub stiffness: Stiffness,
     /// Poisson's ratio ν of elements; springs have ¼.
     pub poisson: f64,
+    /// What changes of volume of elements are measured on.
+    pub volume: VolumeModel,
     /// Mass per volume, kg/m³.
     pub density: f64,
     /// Damping constant κ_d of every spring, N·s/m.
@@ -141,6 +144,7 @@ impl Material {
             model: MaterialModel::default(),
             stiffness: Stiffness::Young(young),
             poisson: POISSON,
+            volume: VolumeModel::default(),
             density: 1000.0,
             damping: 0.0,
             damping_time: 0.0,
@@ -256,6 +260,12 @@ impl Material {
                 "material: springs have no rigid regions; take neo-hookean or corotated elements"
                     .into(),
             ));
+        }
+        if springs && self.volume != VolumeModel::PerTet {
+            return Err(Error::Input(format!(
+                "material: springs have no volume that could be {}; give model = \"neo-hookean\" or \"corotated\" (--material), or leave the volume out",
+                self.volume
+            )));
         }
         check_poisson(self.poisson, "")?;
         for (name, value, fits) in numbers {

@@ -6,13 +6,18 @@
 //! workgroup decides whether it is sound, and only then it becomes the state. Nothing waits for
 //! the CPU; a failure freezes the last good state until somebody asks.
 
+mod acting;
 mod bodies;
 mod body;
 mod cpu;
 mod cut;
+mod element_volume;
 mod elements;
 mod engine;
 mod explicit_euler;
+mod fields;
+#[cfg(test)]
+mod fields_tests;
 mod gpu_elements;
 mod gpu_springs;
 mod gpu_terms;
@@ -33,6 +38,7 @@ mod moves;
 mod network;
 mod nodes;
 pub mod plain;
+mod reactions;
 mod report;
 mod rigid;
 mod rows;
@@ -53,11 +59,15 @@ mod units;
 mod velocity_verlet;
 mod verlet;
 
+pub use acting::{Acting, LevelId, Muscle};
 pub use bodies::{Bodies, BodiesState, Member, MemberReport};
 pub use body::Body;
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Real};
-pub use elements::{Element, Elements, Law, Newton};
+pub use element_volume::VolumeModel;
+pub(crate) use elements::eigen;
+pub use elements::{Blocks, Element, Elements, Law, Newton};
 pub use engine::{Engine, EngineChoice};
+pub use fields::BodyField;
 pub use gpu_tets::{GpuTets, TetState};
 pub use grab::{GrabId, Grip};
 pub use grid::{GpuGrid, GridState};
@@ -66,10 +76,11 @@ pub use guard::{Progress, StepRecord};
 pub use hold::HeldEnd;
 pub use implicit_euler::ConjugateGradients;
 pub use kind::SolverKind;
-pub use loads::Loads;
+pub use loads::{LedId, Loads};
 pub use material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 pub use network::{Spring, SpringNetwork};
 pub use nodes::Nodes;
+pub use reactions::{Forces, Held, Reaction};
 pub use report::{Energy, Report};
 pub use rigid::RigidBody;
 pub use simulator::{Pose, Simulator, SimulatorState, TopologyChange};

@@ -110,9 +110,11 @@ impl SpringNetwork {
             )));
         }
         if !cut.removed.is_empty() {
-            let (frame, damping) = (self.frame, self.elements.mass_damping);
+            let (frame, damping, kept) =
+                (self.frame, self.elements.mass_damping, self.elements.kept);
             *self = SpringNetwork::new(mesh, material)?;
             self.elements.mass_damping = damping;
+            self.elements.kept = kept;
             // Positions stay in the frame they are in.
             let moved = (self.frame.origin - frame.origin) * self.length_unit;
             self.rest.iter_mut().for_each(|x| *x += moved);
@@ -155,7 +157,7 @@ struct Matter<'a, F> {
     mesh: &'a TetMesh,
     material: &'a Material,
     made_of: F,
-    /// The region of every tet, where some are rigid.
+    /// The labels of the tets.
     labels: Option<&'a [f64]>,
     node_factors: Option<&'a [f64]>,
 }
@@ -170,10 +172,8 @@ impl<'a> Matter<'a, ()> {
             material,
             made_of: made_of(mesh, material)?,
             labels: match &material.region_field {
-                Some(name) if !material.rigid.is_empty() => {
-                    Some(scalar_field(mesh, name, Location::Cell)?)
-                }
-                _ => None,
+                Some(name) => Some(scalar_field(mesh, name, Location::Cell)?),
+                None => None,
             },
             node_factors: match &material.node_field {
                 Some(name) => Some(scalar_field(mesh, name, Location::Node)?),
@@ -219,9 +219,11 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         let element = |t| self.element(t, law, rest);
         Elements {
             law,
+            volume: self.material.volume,
             tets: tets.into_par_iter().filter_map(element).collect(),
             rigid: rigid_bodies(self.mesh, |t| self.rigid_label(t)),
             mass_damping: self.material.mass_damping,
+            ..Elements::default()
         }
     }
 
@@ -241,7 +243,19 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             0.25 * nodes.iter().map(|v| factors[*v as usize]).sum::<f64>()
         });
         let corners = nodes.map(|v| rest[v as usize]);
-        Element::new(nodes, corners, factor * made.stiffness, made.poisson, law)
+        let element = Element::new(nodes, corners, factor * made.stiffness, made.poisson, law)?;
+        let regions = &self.material.regions;
+        let region = self.labels.map_or(0, |labels| {
+            let label = labels[t].round() as i64;
+            regions
+                .keys()
+                .position(|l| *l == label)
+                .map_or(0, |n| n + 1)
+        });
+        Some(Element {
+            region: region as u32,
+            ..element
+        })
     }
 
     /// Gives `elements` the nodes that the tets `star` have now.
@@ -251,9 +265,10 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
         if elements.tets.len() != self.mesh.tets.len() {
             // Some were left out: which is whose is not known.
-            let damping = elements.mass_damping;
+            let (damping, kept) = (elements.mass_damping, elements.kept);
             *elements = self.elements(rest);
             elements.mass_damping = damping;
+            elements.kept = kept;
             return;
         }
         for t in star {

@@ -1,6 +1,6 @@
 //! What became of a body, measured in float64 from its state read back.
 
-use super::{Body, Element, NodeTerm, Spring, SpringNetwork};
+use super::{Body, NodeTerm, Spring, SpringNetwork};
 use crate::Result;
 use crate::mesh::{TetMesh, bounds, signed_volume};
 use glam::DVec3;
@@ -82,13 +82,12 @@ impl Energy {
             0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
         };
         let elements = &network.elements;
-        let of_element = |e: &Element| {
-            let corners = e.nodes.map(|v| network.to_metres(positions[v as usize]));
-            e.energy(elements.law, &corners)
-        };
         let matter: f64 = match elements.is_empty() {
             true => network.springs.par_iter().map(of_spring).sum(),
-            false => elements.tets.par_iter().map(of_element).sum(),
+            false => {
+                let x: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
+                elements.energy(&x)
+            }
         };
         let of_nodes = terms.iter().map(|term| -> f64 {
             let nodes = network.masses.iter().zip(positions);

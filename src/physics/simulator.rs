@@ -1,8 +1,9 @@
 //! What everything that moves a body can do, whatever it is made of and whatever steps it.
 
 use super::{
-    Bodies, BodiesState, ConjugateGradients, CpuGridState, CpuState, Engine, GrabId, GridState,
-    Grip, Loads, NodeTerm, Nodes, Progress, Report, SolverKind, SpringNetwork, TetState,
+    Acting, Bodies, BodiesState, ConjugateGradients, CpuGridState, CpuState, Engine, GrabId,
+    GridState, Grip, Held, LedId, LevelId, Loads, NodeTerm, Nodes, Progress, Report, SolverKind,
+    SpringNetwork, TetState,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -63,6 +64,42 @@ pub trait Simulator: Send {
             "a {} cannot act on a grid body, which knows springs only; simulate tets",
             term.name()
         )))
+    }
+
+    /// Adds a pressure or a muscle, whose level is 0 until [`Simulator::set_level`].
+    ///
+    /// # Errors
+    /// [`Error::Input`] for what makes no sense for this body, and for all but a body of tets on
+    /// the processor.
+    fn add_acting(&mut self, acting: Acting) -> Result<LevelId> {
+        Err(only_cpu(match acting {
+            Acting::Pressure(_) => "pressure acts",
+            Acting::Muscle(_) => "muscles act",
+        }))
+    }
+
+    /// Sets the level of a pressure, Pa, or of a muscle, from 0 to 1; it acts from the next step
+    /// on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a level that makes no sense, or of nothing that was added.
+    fn set_level(&mut self, id: LevelId, level: f64) -> Result<()> {
+        Err(Error::Input(format!(
+            "nothing acts on this body at a level, so {id:?} cannot be set to {level}"
+        )))
+    }
+
+    /// Leads nodes of the mesh along from now on: they are where [`Loads::set_led`] says, whatever
+    /// pulls at them.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for nodes that are not there or held already, and for all but a body of
+    /// tets on the processor.
+    fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {
+        Err(only_cpu(match nodes.len() {
+            1 => "a node is led",
+            _ => "nodes are led",
+        }))
     }
 
     /// The largest stable step of its scheme at rest, s; none where any step is stable.
@@ -126,6 +163,27 @@ pub trait Simulator: Send {
     /// What reading back gives.
     fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
         Ok(None)
+    }
+
+    /// The force on every node of the mesh where the body stands, N: of what it is made of, with
+    /// damping, of terms and of loads, but not of what holds nodes still; so on nodes that are held
+    /// it is what the body exerts on that. Computed when asked for, after the steps asked for.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for bodies that only the GPU knows the forces on, grids, and meshes that a
+    /// cage carries.
+    fn forces(&mut self) -> Result<Vec<DVec3>> {
+        Err(Error::Input(
+            "the forces on the nodes are known of a body of tets on the processor: --engine cpu, without [grid] or [cage]".into(),
+        ))
+    }
+
+    /// What a grab holds, by the numbers of the mesh's nodes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there.
+    fn held_by(&self, grab: GrabId) -> Result<Vec<Held>> {
+        self.loads().held_by(grab)
     }
 
     /// Where the nodes are, read back.
@@ -265,6 +323,12 @@ pub trait Simulator: Send {
     /// # Errors
     /// [`Error::Input`] for the pose of another.
     fn set_pose(&mut self, pose: &Pose) -> Result<()>;
+}
+
+fn only_cpu(what: &str) -> Error {
+    Error::Input(format!(
+        "{what} on a body of tets on the processor only: --engine cpu, without [grid] or [cage], and one body in the scene"
+    ))
 }
 
 /// What a cut changed in a body.

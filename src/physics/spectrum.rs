@@ -125,6 +125,8 @@ pub struct StepLimit {
 pub struct Linearised {
     links: Vec<Link>,
     tets: Vec<HookeTet>,
+    /// What keeps the volumes around nodes: vectors that K has the squares of.
+    volumes: Vec<Vec<(u32, DVec3)>>,
     /// Damping of the tets in proportion to their stiffness, s.
     damping_time: f64,
     /// 1/√m of every node; 0 for those that do not move.
@@ -162,16 +164,11 @@ struct HookeTet {
 
 impl HookeTet {
     fn new(element: &Element, law: Law) -> HookeTet {
-        let [mu, second] = element.lame;
-        let lambda = match law {
-            Law::NeoHookean => second - mu,
-            Law::Corotated => second,
-        };
         HookeTet {
             nodes: element.nodes.map(|v| v as usize),
             gradients: element.gradients(),
             volume: element.volume,
-            lame: [mu, lambda],
+            lame: element.small_strain(law),
         }
     }
 
@@ -228,7 +225,10 @@ impl Linearised {
         let axial = network.damping_kind == Damping::Axial;
         Linearised {
             links: links.collect(),
-            tets: tets.map(|e| HookeTet::new(e, elements.law)).collect(),
+            tets: tets
+                .map(|e| HookeTet::new(&elements.own(e), elements.law))
+                .collect(),
+            volumes: elements.volume_slopes(&network.rest),
             damping_time: network.damping_time,
             weights: network
                 .masses
@@ -264,6 +264,7 @@ impl Linearised {
         Linearised {
             links,
             tets: Vec::new(),
+            volumes: Vec::new(),
             damping_time: 0.0,
             weights: grid.masses.iter().map(|m| inverse(m).sqrt()).collect(),
             kind: Damping::Axial,
@@ -291,6 +292,16 @@ impl Linearised {
             let u = tet.nodes.map(|v| y[v] * self.weights[v]);
             for (v, f) in tet.nodes.into_iter().zip(tet.product(u)) {
                 product[v] += share * f;
+            }
+        }
+        for slope in &self.volumes {
+            let each = slope.iter().map(|(v, g)| {
+                let v = *v as usize;
+                self.weights[v] * g.dot(y[v])
+            });
+            let change = share * each.sum::<f64>();
+            for (v, g) in slope {
+                product[*v as usize] += change * *g;
             }
         }
         for ((f, w), y) in product.iter_mut().zip(&self.weights).zip(y) {

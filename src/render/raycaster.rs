@@ -35,6 +35,8 @@ const CAP_SLACK: u32 = 16;
 pub struct Raycaster {
     pub(super) gpu: Gpu,
     pub(super) geometry: Geometry,
+    /// The range of scalars that the table was made for.
+    range: (f64, f64),
     pub(super) options: RaycastOptions,
     transfer: TransferFunction,
     pub(super) table: Table,
@@ -77,6 +79,7 @@ impl Raycaster {
     ) -> Result<Raycaster> {
         options.check(gpu)?;
         let table = make_table(gpu, &geometry, transfer, &options)?;
+        let range = geometry.range;
         let sampler = gpu.device().create_sampler(&wgpu::SamplerDescriptor {
             label: Some("table"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -86,6 +89,7 @@ impl Raycaster {
         Ok(Raycaster {
             gpu: gpu.clone(),
             geometry,
+            range,
             options,
             transfer: transfer.clone(),
             table,
@@ -124,11 +128,24 @@ impl Raycaster {
     /// As [`Raycaster::new`].
     pub fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
         self.table = make_table(&self.gpu, &self.geometry, transfer, &self.options)?;
+        self.range = self.geometry.range;
         self.transfer = transfer.clone();
         if let Some(frame) = &mut self.frame {
             frame.walks.clear();
         }
         Ok(())
+    }
+
+    /// Takes over the range of scalars that its geometry was given since: the table is made anew
+    /// where it is another one.
+    ///
+    /// # Errors
+    /// As [`Raycaster::new`].
+    pub fn refresh_range(&mut self) -> Result<()> {
+        match self.range == self.geometry.range {
+            true => Ok(()),
+            false => self.set_transfer(&self.transfer.clone()),
+        }
     }
 
     /// How it draws.
@@ -153,6 +170,7 @@ impl Raycaster {
     pub fn set_options(&mut self, options: RaycastOptions) -> Result<()> {
         options.check(&self.gpu)?;
         self.table = make_table(&self.gpu, &self.geometry, &self.transfer, &options)?;
+        self.range = self.geometry.range;
         self.options = options;
         self.frame = None;
         Ok(())

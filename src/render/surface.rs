@@ -143,6 +143,22 @@ impl Surface {
         Ok(())
     }
 
+    /// Colours the nodes by other `scalars`, in the range that `geometry` has now.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of them.
+    pub fn set_scalars(&mut self, geometry: &Geometry, scalars: &[f64]) -> Result<()> {
+        if scalars.len() != self.nodes as usize {
+            return Err(Error::Input(format!(
+                "{} scalars given for a surface of {} nodes",
+                scalars.len(),
+                self.nodes
+            )));
+        }
+        let colours = colours(geometry, scalars, &self.colour);
+        self.gpu.write_items(&self.colours, 0, &colours)
+    }
+
     /// Records the drawing of the surface, at the positions of that moment.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! A scene's grabs, as time goes on.
 
 use super::GrabEntry;
-use super::path::{along, check};
+use super::path::{acceleration, along, check};
 use crate::physics::{GrabId, Grip, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -27,6 +27,17 @@ impl Attachment {
             grab: None,
             done: false,
         })
+    }
+
+    /// Its name, where it has one.
+    pub fn name(&self) -> Option<&str> {
+        self.entry.name.as_deref()
+    }
+
+    /// The acceleration of its target over the step of length `dt` that ended at `time`, file units
+    /// a second².
+    pub fn acceleration(&self, time: f64, dt: f64) -> DVec3 {
+        acceleration(|time| along(&self.entry.path, time), time, dt)
     }
 
     /// Lets go of what it holds.

@@ -1,5 +1,7 @@
 //! From a scene's `[[body]]` entries to several bodies that move as one.
 
+use super::acting::Actors;
+use super::reactions::PinSet;
 use super::simulator::Setup;
 use super::{BodyEntry, MeshSource, Scene, SolverEntry};
 use crate::gpu::Gpu;
@@ -45,6 +47,11 @@ impl Scene {
             return Err(Error::Input(
                 "the scene has [[body]] entries, so [[pin]] and [[force]] belong to one of them: write [[body.pin]] and [[body.force]]".into(),
             ));
+        }
+        if let Some(entry) = self.of_cpu() {
+            return Err(Error::Input(format!(
+                "{entry} acts on a scene of one body, and the scene has [[body]] entries; leave it out, or make a scene of that body"
+            )));
         }
         let mut sources: Vec<BodySource> = Vec::new();
         for (i, entry) in self.body.iter().enumerate() {
@@ -156,6 +163,7 @@ pub(super) fn setup(
 ) -> Result<(Setup, Vec<String>)> {
     let (mut members, mut notes) = (Vec::new(), Vec::new());
     let (mut reach, mut moves, mut grids) = (Vec::new(), false, 0);
+    let (mut pins, mut first) = (Vec::new(), 0);
     for source in sources {
         let name = source.name;
         let kind = source.scene.solver.name.as_deref();
@@ -177,6 +185,11 @@ pub(super) fn setup(
             }
             None => reach.extend(&own.simulator.mesh().nodes),
         }
+        pins.extend(own.pins.into_iter().map(|pin| PinSet {
+            name: format!("{name}/{}", pin.name),
+            nodes: pin.nodes.iter().map(|v| v + first).collect(),
+        }));
+        first += own.simulator.mesh().nodes.len() as u32;
         members.push(Member {
             name,
             simulator: own.simulator,
@@ -201,6 +214,8 @@ pub(super) fn setup(
         cage: None,
         grid,
         reach: moves.then_some(reach),
+        pins,
+        actors: Actors::default(),
     };
     Ok((setup, notes))
 }

@@ -1,11 +1,12 @@
 //! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
 
 use super::Scene;
+use super::acting::Actors;
 use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork};
+use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork, VolumeModel};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -83,6 +84,7 @@ impl Scene {
         }
         let springs = Material {
             model: MaterialModel::Springs,
+            volume: VolumeModel::default(),
             ..material.clone()
         };
         let material = &springs;
@@ -155,6 +157,8 @@ impl Scene {
             cage: Some(report),
             grid,
             reach: pull.reach,
+            pins: Vec::new(),
+            actors: Actors::default(),
         })
     }
 

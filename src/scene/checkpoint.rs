@@ -61,6 +61,8 @@ pub struct Checkpoint {
     sleep: Sleep,
     progress: Option<Progress>,
     dt: f64,
+    /// Of a field that is computed for each picture, what it has been.
+    found: Option<(f64, f64)>,
     simulator: SimulatorState,
 }
 
@@ -149,6 +151,8 @@ fn of_scene(scene: &Scene) -> u32 {
         crc.update(&std::fs::read(&*path).unwrap_or_default());
         *path = path.file_name().unwrap_or_default().into();
     };
+    let moves = plain.moves.iter_mut().filter_map(|m| m.file.as_mut());
+    moves.for_each(&mut file);
     for skin in &mut plain.skin {
         file(&mut skin.file);
         skin.normal_map.iter_mut().for_each(&mut file);
@@ -222,6 +226,7 @@ impl Stage {
             sleep: motion.sleep,
             progress: motion.progress,
             dt: motion.dt,
+            found: self.shown.as_ref().map(|s| s.found),
             simulator: motion.simulator.state()?,
         })
     }
@@ -285,6 +290,9 @@ impl Stage {
         motion.simulator.set_state(&checkpoint.simulator)?;
         motion.sleep = checkpoint.sleep;
         motion.progress = checkpoint.progress;
+        if let (Some(shown), Some(found)) = (&mut self.shown, checkpoint.found) {
+            shown.found = found;
+        }
         self.cached = None;
         Ok(())
     }

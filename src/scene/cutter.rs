@@ -104,6 +104,12 @@ impl Stage {
         };
         let simulator = &mut motion.simulator;
         let change = simulator.cut(blade)?;
+        for pin in &mut motion.pins {
+            pin.follow(&change.mesh);
+        }
+        for mover in &mut motion.actors.movers {
+            mover.follow(&change.mesh.doubled);
+        }
         if !change.mesh.is_empty() {
             self.scalars.follow(&change.mesh);
             let (mesh, topology) = (simulator.mesh(), simulator.topology());

@@ -74,6 +74,7 @@ impl Stage {
     }
 
     fn draw(&mut self) -> Result<Image> {
+        self.refresh_field()?;
         match self.mode {
             DisplayMode::Inside(Mode::Composite) if !self.skins.is_empty() => {
                 let inside = Some(&mut self.raycaster);
@@ -96,6 +97,7 @@ impl Stage {
     /// As [`Raycaster::record`](crate::render::Raycaster::record).
     pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
         self.publish(work)?;
+        self.refresh_field()?;
         let background = Some([0.0, 0.0, 0.0, 1.0]);
         let target = Target {
             colour,

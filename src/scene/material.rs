@@ -3,7 +3,9 @@
 use super::region::LabelOrName;
 use super::words::{DAMPING_KINDS, damping_kind, unknown};
 use crate::mesh::{Location, TetMesh};
-use crate::physics::{Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue};
+use crate::physics::{
+    Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumeModel,
+};
 use crate::{Error, Result};
 use serde::de::{DeserializeSeed, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
@@ -35,6 +37,9 @@ pub struct MaterialEntry {
     pub young: Option<f64>,
     /// Poisson's ratio, of elements.
     pub poisson: Option<f64>,
+    /// What changes of volume of elements are measured on: `per-tet`, or `averaged`, which does
+    /// not lock where ν nears ½.
+    pub volume: Option<VolumeModel>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
     /// A node field of factors on the stiffness.
@@ -111,6 +116,7 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                     match key.as_str() {
                         "model" => entry.model = Some(map.next_value_seed(Model)?),
                         "poisson" => entry.poisson = Some(map.next_value()?),
+                        "volume" => entry.volume = Some(map.next_value_seed(Volume)?),
                         "young" => entry.young = Some(map.next_value()?),
                         "stiffness" => entry.stiffness = Some(map.next_value()?),
                         "stiffness_field" => entry.stiffness_field = Some(map.next_value()?),
@@ -145,6 +151,18 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                 self,
                 from: D,
             ) -> std::result::Result<MaterialModel, D::Error> {
+                String::deserialize(from)?.parse().map_err(D::Error::custom)
+            }
+        }
+
+        struct Volume;
+        impl<'de> DeserializeSeed<'de> for Volume {
+            type Value = VolumeModel;
+
+            fn deserialize<D: Deserializer<'de>>(
+                self,
+                from: D,
+            ) -> std::result::Result<VolumeModel, D::Error> {
                 String::deserialize(from)?.parse().map_err(D::Error::custom)
             }
         }
@@ -218,6 +236,9 @@ impl MaterialEntry {
             material.poisson = poisson;
         }
         self.check_rigid(material.model)?;
+        if let Some(volume) = self.volume {
+            material.volume = volume;
+        }
         material.node_field = self.stiffness_field.clone();
         if let Some(density) = self.density {
             material.density = density;

@@ -30,6 +30,7 @@
 //! size = [1024, 768]
 //! ```
 
+mod acting;
 mod attachment;
 mod bodies;
 mod cage;
@@ -44,8 +45,10 @@ mod measure;
 mod motion;
 mod path;
 mod picture;
+mod reactions;
 mod region;
 mod regions;
+mod shown;
 mod simulator;
 mod skin;
 mod sleep;
@@ -64,6 +67,7 @@ pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport};
 pub use motion::Motion;
 pub(crate) use picture::SIZE;
+pub use reactions::ReactionLog;
 pub use region::{Axis, LabelOrName, Region};
 pub use source::ScalarField;
 pub use stage::{STEPS, Stage};
@@ -104,6 +108,15 @@ pub struct Scene {
     /// What grabs the body, and where to.
     #[serde(default)]
     pub grab: Vec<GrabEntry>,
+    /// Pressure on patches of its boundary.
+    #[serde(default)]
+    pub pressure: Vec<PressureEntry>,
+    /// Nodes that are moved along paths.
+    #[serde(default, rename = "move")]
+    pub moves: Vec<MoveEntry>,
+    /// What contracts.
+    #[serde(default)]
+    pub muscle: Vec<MuscleEntry>,
     /// What cuts it.
     #[serde(default)]
     pub cut: Vec<CutEntry>,
@@ -119,6 +132,9 @@ pub struct Scene {
     /// The picture.
     #[serde(default)]
     pub picture: PictureEntry,
+    /// What is written beside pictures.
+    #[serde(default)]
+    pub output: OutputEntry,
 }
 
 /// How the body moves.
@@ -175,6 +191,9 @@ impl Scene {
         for mesh in bodies.chain([&mut scene.mesh]) {
             mesh.file = mesh.file.take().map(|file| folder.join(file));
         }
+        for entry in &mut scene.moves {
+            entry.file = entry.file.take().map(|file| folder.join(file));
+        }
         for skin in &mut scene.skin {
             skin.file = folder.join(&skin.file);
             for map in [&mut skin.normal_map, &mut skin.height_map] {
@@ -195,6 +214,18 @@ impl Scene {
     /// [`Error::Input`] with the line that is wrong.
     pub fn parse(text: &str) -> Result<Scene> {
         toml::from_str(text).map_err(|e| Error::Input(e.to_string()))
+    }
+
+    /// What it has that only the processor's engine knows of, by the name of its entry.
+    pub(crate) fn of_cpu(&self) -> Option<&'static str> {
+        let all = [
+            (self.pressure.is_empty(), "[[pressure]]"),
+            (self.moves.is_empty(), "[[move]]"),
+            (self.muscle.is_empty(), "[[muscle]]"),
+        ];
+        all.into_iter()
+            .find(|(none, _)| !none)
+            .map(|(_, name)| name)
     }
 
     /// The scene that a mesh file alone makes: at rest, framed, everything by default.

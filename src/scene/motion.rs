@@ -1,7 +1,9 @@
 //! A body that moves as its scene says.
 
 use super::Scene;
+use super::acting::Actors;
 use super::attachment::Attachment;
+use super::reactions::PinSet;
 use super::simulator::Setup;
 use super::sleep::Sleep;
 use crate::Result;
@@ -32,6 +34,10 @@ pub struct Motion {
     grid: bool,
     /// Points, in file units, that pictures of the whole run should show.
     pub(super) reach: Option<Vec<DVec3>>,
+    /// What is pinned, by name.
+    pub(super) pins: Vec<PinSet>,
+    /// What acts on the body as time goes on.
+    pub(super) actors: Actors,
 }
 
 impl Motion {
@@ -64,6 +70,8 @@ impl Motion {
             cage: setup.cage,
             grid: setup.grid,
             reach: setup.reach,
+            pins: setup.pins,
+            actors: setup.actors,
         })
     }
 
@@ -79,6 +87,10 @@ impl Motion {
             let time = self.time() + f64::from(some) * self.dt;
             for attachment in &mut self.attachments {
                 attachment.act(self.simulator.as_mut(), time)?;
+            }
+            if self.actors.change() {
+                let (now, dt) = (self.time(), self.dt);
+                self.actors.act(self.simulator.as_mut(), now, dt)?;
             }
             match self.sleep.holds(self.simulator.touched()) {
                 true => self.sleep.pass(some, self.dt),
@@ -177,7 +189,10 @@ impl Motion {
 
     /// Steps between two looks at whether all is well and where attachments are.
     fn steps_at_once(&self) -> u32 {
-        match (self.attachments.is_empty(), self.grid) {
+        match (
+            self.attachments.is_empty() && !self.actors.change(),
+            self.grid,
+        ) {
             (true, false) => STEPS_A_LOOK,
             (true, true) => STEPS_OF_A_GRID,
             (false, false) => 1,

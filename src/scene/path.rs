@@ -2,6 +2,7 @@
 
 use crate::{Error, Result};
 use glam::DVec3;
+use std::path::Path;
 
 /// Refuses a path of fewer than `least` places, or whose times do not increase.
 pub(super) fn check(path: &[[f64; 4]], least: usize, what: &str) -> Result<()> {
@@ -13,6 +14,57 @@ pub(super) fn check(path: &[[f64; 4]], least: usize, what: &str) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+/// The value at `time` of what has values at times, linear between them and the same beyond.
+pub(super) fn value_at(keys: &[[f64; 2]], time: f64) -> f64 {
+    let after = keys.partition_point(|key| key[0] <= time);
+    let before = after.checked_sub(1).and_then(|n| keys.get(n));
+    match (before, keys.get(after)) {
+        (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * (time - a[0]) / (b[0] - a[0]),
+        (Some(only), None) | (None, Some(only)) => only[1],
+        (None, None) => 0.0,
+    }
+}
+
+/// The header of a path in a file.
+const HEADER: &str = "time_s,x,y,z";
+
+/// Reads a path from a CSV file.
+pub(super) fn read_path(file: &Path) -> Result<Vec<[f64; 4]>> {
+    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+    let mut lines = text.lines().enumerate();
+    let header = lines.next().map(|(_, line)| line.replace(' ', ""));
+    if header.as_deref() != Some(HEADER) {
+        return Err(Error::format(
+            file,
+            format!("line 1: a path begins with the line {HEADER}"),
+        ));
+    }
+    let mut path = Vec::new();
+    for (i, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
+        let numbers: std::result::Result<Vec<f64>, _> =
+            line.split(',').map(|cell| cell.trim().parse()).collect();
+        match numbers.ok().map(<[f64; 4]>::try_from) {
+            Some(Ok(row)) => path.push(row),
+            _ => {
+                return Err(Error::format(
+                    file,
+                    format!(
+                        "line {}: four numbers {HEADER} are expected, not \"{line}\"",
+                        i + 1
+                    ),
+                ));
+            }
+        }
+    }
+    check(&path, 1, "move").map_err(|e| Error::format(file, e.to_string()))?;
+    Ok(path)
+}
+
+/// The second difference of places over the two steps of length `dt` that end at `time`.
+pub(super) fn acceleration(place: impl Fn(f64) -> DVec3, time: f64, dt: f64) -> DVec3 {
+    (place(time) - 2.0 * place(time - dt) + place(time - 2.0 * dt)) / (dt * dt)
 }
 
 /// Where a path is at `time`.

@@ -40,6 +40,9 @@ impl Scene {
     ) -> Result<(Raycaster, Surface)> {
         let (positions, frame) = (nodes.array(), nodes.frame());
         let mut geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
+        if self.picture.range.is_some() {
+            geometry.set_scalars(mesh, seen.scalars(), seen.range)?;
+        }
         let transfer = self.transfer(seen)?;
         let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
             true => SurfaceColour::Field(transfer.clone()),

@@ -21,6 +21,9 @@ use std::fmt;
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Region {
+    /// What a pin of these nodes is called in files of reactions; `pin1` and so on where nothing is
+    /// said.
+    pub name: Option<String>,
     /// Inside the axis-aligned box between these corners.
     #[serde(rename = "box")]
     pub inside: Option<[[f64; 3]; 2]>,

@@ -1,14 +1,16 @@
 //! From a scene's material, solver, pins and forces to the simulator that moves its body.
 
+use super::acting::Actors;
 use super::load::{Response, said, weight};
+use super::reactions::PinSet;
 use super::{FloorEntry, Scene};
 use crate::cage::CageReport;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    ConjugateGradients, Floor, HeldEnd, Material, Simulator, SolverKind, SpringNetwork,
-    largest_stable_step,
+    ConjugateGradients, Engine, EngineChoice, Floor, HeldEnd, Material, Simulator, SolverKind,
+    SpringNetwork, largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -33,6 +35,10 @@ pub(super) struct Setup {
     pub grid: bool,
     /// Points, in file units, that pictures of the whole run should show.
     pub reach: Option<Vec<DVec3>>,
+    /// What is pinned, by name.
+    pub pins: Vec<PinSet>,
+    /// What acts on it as time goes on.
+    pub actors: Actors,
 }
 
 /// What pulls a body, by which step it is followed, and how far it will go.
@@ -71,6 +77,13 @@ impl Setup {
         let (mut material, said) = scene.material.material(&mesh)?;
         notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);
+        if let Some(entry) = scene.of_cpu()
+            && (shape.is_some() || scene.cage.is_some())
+        {
+            return Err(Error::Input(format!(
+                "{entry} acts on a body of tets that is simulated itself; leave [grid] and [cage] out"
+            )));
+        }
         let setup = match (shape, &scene.cage) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
@@ -211,7 +224,15 @@ impl Scene {
         material: &Material,
         kind: SolverKind,
     ) -> Result<Box<dyn Simulator>> {
-        let engine = self.solver.engine.unwrap_or_default();
+        let mut engine = self.solver.engine.unwrap_or_default();
+        if let Some(entry) = self.of_cpu() {
+            if engine == EngineChoice::This(Engine::Gpu) {
+                return Err(Error::Input(format!(
+                    "{entry} acts on the processor's engine only: --engine cpu, or leave it to auto"
+                )));
+            }
+            engine = EngineChoice::This(Engine::Cpu);
+        }
         let how = (kind, self.conjugate_gradients());
         engine.tets_of(gpu, (mesh, network), material, how)
     }
@@ -245,19 +266,29 @@ impl Scene {
 
     /// Pins and pulls the body of `simulator` as the scene says, or by the end that suits it.
     fn set_up(&self, mut simulator: Box<dyn Simulator>, notes: &mut Vec<String>) -> Result<Setup> {
-        for region in &self.pin {
+        let mut pins = Vec::new();
+        for (i, region) in self.pin.iter().enumerate() {
             let nodes = region.nodes(simulator.mesh())?;
             simulator.pin_nodes(&nodes)?;
+            let name = region.name.clone();
+            let name = name.unwrap_or_else(|| format!("pin{}", i + 1));
+            pins.push(PinSet { name, nodes });
         }
+        let actors = Actors::new(self, simulator.as_mut())?;
         if let Some(floor) = &self.floor {
             simulator.add_term(Arc::new(floor.term(simulator.as_ref())?))?;
         }
-        let end = match self.pin.is_empty() && self.floor.is_none() {
+        let loose = self.pin.is_empty() && self.moves.is_empty() && self.floor.is_none();
+        let end = match loose {
             true => Some(self.held_end(simulator.as_ref())),
             false => None,
         };
         if let Some((end, _)) = &end {
             simulator.pin_nodes(&end.nodes)?;
+            pins.push(PinSet {
+                name: "held".into(),
+                nodes: end.nodes.clone(),
+            });
         }
         let forces = self.forces(simulator.mesh(), simulator.masses())?;
         if let Some(forces) = &forces {
@@ -278,6 +309,8 @@ impl Scene {
             cage: None,
             grid: false,
             reach: pull.reach,
+            pins,
+            actors,
         })
     }
 
@@ -337,6 +370,7 @@ impl Scene {
             && forces.is_none()
             && self.grab.is_empty()
             && self.cut.is_empty()
+            && self.of_cpu().is_none()
             && end.is_some();
         let ahead = self.solver.run.filter(|run| run.steps > 0);
         let mut how = format!("gravity of {} acts", said(pull.gravity.length()));

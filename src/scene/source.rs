@@ -5,6 +5,7 @@ use super::{LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
 use crate::mesher::{Labels, Recipe, Size};
+use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
 use crate::{Error, Result};
 
@@ -117,7 +118,7 @@ impl ScalarField {
         let also = also.map(|f| format!("; --field \"{}\" shows that scalar", f.name));
         Ok(ScalarField {
             name: field.name.clone(),
-            values: means_around_nodes(mesh, &regions.numbers),
+            values: mesh.means_around_nodes(&regions.numbers),
             range: (0.0, (regions.count - 1) as f64),
             cells: Some(regions.numbers),
             note: Some(regions.legend + also.as_deref().unwrap_or("")),
@@ -178,7 +179,7 @@ impl Scene {
         let scalars = tuple_lengths(&field);
         let (values, cells) = match field.location {
             Location::Node => (scalars, None),
-            Location::Cell => (means_around_nodes(mesh, &scalars), Some(scalars)),
+            Location::Cell => (mesh.means_around_nodes(&scalars), Some(scalars)),
         };
         if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::Input(format!(
@@ -186,13 +187,11 @@ impl Scene {
                 field.name
             )));
         }
-        let range = cells
-            .as_ref()
-            .unwrap_or(&values)
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
-                (a.min(*v), b.max(*v))
-            });
+        let all = cells.as_ref().unwrap_or(&values).iter();
+        let found = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(*v), b.max(*v))
+        });
+        let range = self.picture.range.map_or(found, |[low, high]| (low, high));
         Ok(ScalarField {
             name: field.name,
             values,
@@ -209,6 +208,11 @@ fn named_field(mesh: &TetMesh, name: &str) -> Result<Field> {
         .field(name, Location::Node)
         .or_else(|| mesh.field(name, Location::Cell));
     found.cloned().ok_or_else(|| {
+        if name.parse::<BodyField>().is_ok() {
+            return Error::Input(format!(
+                "the mesh has no field \"{name}\", and one is computed only of a body that moves: name a solver (--solver implicit, for example)"
+            ));
+        }
         let names: Vec<&str> = mesh.fields.iter().map(|f| f.name.as_str()).collect();
         Error::Input(match names.as_slice() {
             [] => format!("there is no field \"{name}\": the mesh has none"),
@@ -239,21 +243,4 @@ fn tuple_lengths(field: &Field) -> Vec<f64> {
             .map(|tuple| tuple.iter().map(|x| x * x).sum::<f64>().sqrt())
             .collect(),
     }
-}
-
-/// The volume-weighted mean around each node.
-fn means_around_nodes(mesh: &TetMesh, scalars: &[f64]) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0.0); mesh.nodes.len()];
-    for (t, (tet, value)) in mesh.tets.iter().zip(scalars).enumerate() {
-        let weight = mesh.tet_volume(t);
-        for v in tet {
-            let sum = &mut sums[*v as usize];
-            *sum = (sum.0 + weight * value, sum.1 + weight);
-        }
-    }
-    // Nodes of no tet, as grids have them, are never seen.
-    let unseen = scalars.first().copied().unwrap_or(0.0);
-    sums.iter()
-        .map(|(sum, weight)| if *weight > 0.0 { sum / weight } else { unseen })
-        .collect()
 }

@@ -5,6 +5,7 @@ use super::checkpoint::Journal;
 use super::cutter::Cutter;
 use super::drawing::CachedFrame;
 use super::picture::{DisplayMode, SIZE};
+use super::shown::{self, Shown};
 use super::skin::carrier;
 use super::{Motion, ScalarField, Scene};
 use crate::Result;
@@ -30,6 +31,8 @@ pub struct Stage {
     pub(super) size: [u32; 2],
     pub(super) mode: DisplayMode,
     pub(super) scalars: ScalarField,
+    /// Where that is computed for each picture.
+    pub(super) shown: Option<Shown>,
     pub(super) scene: Scene,
     pub(super) skins: Vec<Skin>,
     pub(super) composer: Composer,
@@ -162,7 +165,11 @@ impl Stage {
             let still = "nothing moves, so grabs, cuts and floors are passed over: name a solver";
             notes.push(still.into());
         }
-        let scalars = scene.scalar_field(mesh, topology)?;
+        shown::check_asked(scene, &drive)?;
+        let (shown, scalars) = match Shown::new(scene, &drive)? {
+            Some((shown, scalars)) => (Some(shown), scalars),
+            None => (None, scene.scalar_field(mesh, topology)?),
+        };
         notes.extend(scalars.note.clone());
         notes.extend(said);
         let nodes = drive.nodes();
@@ -191,6 +198,7 @@ impl Stage {
             skins: Vec::new(),
             scene: scene.clone(),
             scalars,
+            shown,
             drive,
             raycaster,
             surface,
@@ -328,7 +336,7 @@ impl Stage {
     }
 
     /// The mesh where it is now, with its fields, `displacement` and `velocity` (both in file
-    /// units) at the nodes.
+    /// units) at the nodes, and those that `[output] fields` asks for.
     ///
     /// # Errors
     /// What reading back gives.
@@ -342,7 +350,8 @@ impl Stage {
         Ok(mesh)
     }
 
-    /// Adds the present state to a series, with its fields, `displacement` and `velocity`.
+    /// Adds the present state to a series, with its fields, `displacement` and `velocity`, and those
+    /// that `[output] fields` asks for.
     ///
     /// # Errors
     /// What reading back or writing gives.
@@ -369,6 +378,7 @@ impl Stage {
         if let Some(motion) = self.motion() {
             let velocities = motion.simulator.velocities()?;
             fields.push(vector_field("velocity", velocities.into_iter()));
+            fields.extend(shown::asked(&self.scene, motion)?);
         }
         Ok(fields)
     }

@@ -101,6 +101,11 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             "a cage carries bodies of tets that are not cut; leave [grid] and [[cut]] out".into(),
         ));
     }
+    if let Some(entry) = scene.of_cpu() {
+        return Err(Error::Input(format!(
+            "a cage carries no body that {entry} acts on; leave it out"
+        )));
+    }
     scene.cage = None;
     scene.solver.name = Some("implicit".into());
     let mesh = scene.mesh_of_one()?;

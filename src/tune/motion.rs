@@ -141,6 +141,11 @@ impl<'a> Motions<'a> {
                 "bodies of tets that are not cut can be tuned; leave [grid] and [[cut]] out".into(),
             ));
         }
+        if let Some(entry) = scene.of_cpu() {
+            return Err(Error::Input(format!(
+                "bodies under pins, forces, grabs and gravity can be tuned; leave {entry} out"
+            )));
+        }
         let mut scene = scene.clone();
         scene.solver.sleep = Some(false);
         let mesh = scene.mesh_of_one()?;

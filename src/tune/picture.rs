@@ -3,7 +3,7 @@
 use super::search::Trial;
 use crate::gpu::Gpu;
 use crate::render::Image;
-use crate::scene::{Scene, Stage};
+use crate::scene::{OutputEntry, Scene, Stage};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::fmt;
@@ -63,6 +63,7 @@ impl Pictures {
         scene.solver.name = None;
         scene.cage = None;
         scene.grab.clear();
+        scene.output = OutputEntry::default();
         let full = scene.picture.size.unwrap_or(crate::scene::SIZE);
         let shared = |share: f64| full.map(|n| ((share * f64::from(n)).round() as u32).max(1));
         let points = SIZES.iter().flat_map(|share| {

@@ -6,6 +6,7 @@
 mod ball;
 mod bar;
 mod benchmark;
+mod biceps;
 mod duct;
 mod foot;
 mod grid;
@@ -17,6 +18,7 @@ mod solid;
 pub use ball::ball;
 pub use bar::{PAPER_BAR_CELLS, PAPER_BAR_SIZE, bar, bar_of_about, paper_bar};
 pub use benchmark::benchmark_cube;
+pub use biceps::biceps;
 pub use duct::{Bore, duct};
 pub use foot::{FOOT_BONES, foot, foot_bones};
 pub(crate) use grid::{Grid, grid};

@@ -1,14 +1,15 @@
 //! Generators by name, for scenes and the command line.
 
 use super::{
-    Bore, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, box_mesh, duct, foot, limb,
+    Bore, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, biceps, box_mesh, duct, foot,
+    limb,
 };
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// The names that [`by_name`] knows, and what each of them makes.
-pub const GENERATORS: [(&str, &str); 7] = [
+pub const GENERATORS: [(&str, &str); 8] = [
     (
         "bar",
         "the bar of Tejada & Ertl 2005, 12 × 6 × 6 cm; 80 tets",
@@ -26,6 +27,10 @@ pub const GENERATORS: [(&str, &str); 7] = [
     (
         "limb",
         "a forearm and hand with seven tissues; 100,000 tets",
+    ),
+    (
+        "biceps",
+        "a muscle between two tendons, 24 cm, with its fibres; 8,000 tets",
     ),
     ("foot", "a foot of 26 bones in flesh; 100,000 tets"),
 ];
@@ -73,6 +78,7 @@ pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
         }
         "cube" => benchmark_cube(side(tets.unwrap_or(48_000), 6.0), false),
         "limb" => limb(tets.unwrap_or(100_000)),
+        "biceps" => biceps(tets.unwrap_or(8_000)),
         "foot" => foot(tets.unwrap_or(100_000)),
         _ => Err(unknown(name)),
     }

@@ -265,6 +265,11 @@ impl Member {
         of(self.simulator.as_mut()).map_err(|e| self.of_error(e))
     }
 
+    /// What its simulator gave; an error says whose it is.
+    pub(super) fn told<T>(&self, given: Result<T>) -> Result<T> {
+        given.map_err(|e| self.of_error(e))
+    }
+
     fn of_error(&self, error: Error) -> Error {
         let name = &self.name;
         match error {

@@ -5,7 +5,7 @@ use crate::gpu::Recorder;
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::grab::unknown as unknown_grab;
 use crate::physics::{
-    ConjugateGradients, Energy, Engine, GrabId, Grip, Loads, NodeTerm, Nodes, Pose, Progress,
+    ConjugateGradients, Energy, Engine, GrabId, Grip, Held, Loads, NodeTerm, Nodes, Pose, Progress,
     Report, Simulator, SimulatorState, SolverKind, StepRecord, TopologyChange,
 };
 use crate::{Error, Result};
@@ -116,6 +116,32 @@ impl Simulator for Bodies {
 
     fn positions(&self) -> Result<Vec<DVec3>> {
         self.gathered(|s| s.positions())
+    }
+
+    fn forces(&mut self) -> Result<Vec<DVec3>> {
+        self.hand_over()?;
+        let mut all = vec![DVec3::ZERO; self.whole.mesh.nodes.len()];
+        for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+            let own = member.named(|s| s.forces())?;
+            for (v, own) in places.iter().zip(own) {
+                all[*v as usize] = own;
+            }
+        }
+        Ok(all)
+    }
+
+    fn held_by(&self, grab: GrabId) -> Result<Vec<Held>> {
+        let own = self.grabs.get(&grab).ok_or_else(unknown_grab)?;
+        let mut all = Vec::new();
+        for (i, own) in own {
+            let places = &self.whole.places[*i];
+            let held = self.members[*i].simulator.held_by(*own)?;
+            all.extend(held.into_iter().map(|held| Held {
+                node: places[held.node as usize],
+                ..held
+            }));
+        }
+        Ok(all)
     }
 
     fn velocities(&self) -> Result<Vec<DVec3>> {

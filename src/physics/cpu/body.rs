@@ -4,17 +4,20 @@ use super::element_term::Tets;
 use super::guard::Guard;
 use super::implicit::Implicit;
 use super::loads::{Attachment, Loads, check_attachments};
+use super::muscle::Fibres;
 use super::newton::Minimiser;
 use super::order::Lumps;
 use super::pool::Plan;
+use super::pressure::Pressure;
 use super::real::Real;
 use super::rigid_layout::laid_out;
 use super::rules::Rule;
 use super::springs::Springs;
-use super::terms::Term;
+use super::sum::Sources;
+use super::terms::{At, Term};
 use super::tied::Tied;
-use super::vectors::{V4, of_metres, to_metres, zero};
-use crate::physics::{ConjugateGradients, SolverKind, SpringNetwork, Units};
+use super::vectors::{V4, of_metres, sub, to_metres, weight, zero};
+use crate::physics::{ConjugateGradients, Muscle, SolverKind, SpringNetwork, Units};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
@@ -22,6 +25,9 @@ use std::sync::Arc;
 /// Groups of nodes over the root of their number. The groups' rigid motions are the coarse space:
 /// twice as many take a tenth off the iterations, and make each dearer.
 const GROUPS: f64 = 3.0;
+
+/// Nodes that are led on from within so much of the body's size of where they are do not jump.
+const GOES_ON: f64 = 1e-5;
 
 /// A network of springs stepped on the CPU in numbers of type `T`: f32 for speed, f64 for truth.
 ///
@@ -312,16 +318,37 @@ impl<T: Real> CpuBody<T> {
         if !same_nodes {
             self.free_nodes();
         }
+        let mut goes_on = same_nodes && !attachments.is_empty();
         for a in attachments {
-            if let Attachment::Hold { node, place: to } = *a {
-                let v = node as usize;
-                let k = self.place[v] as usize;
-                self.now.u[k] = of_metres(to - self.rest[v], self.units.length);
-                self.now.v[k] = zero();
-            }
+            let (node, to, velocity) = match *a {
+                Attachment::Hold { node, place } => {
+                    goes_on = false;
+                    (node, place, DVec3::ZERO)
+                }
+                Attachment::Lead {
+                    node,
+                    place,
+                    velocity,
+                } => (node, place, velocity),
+                Attachment::Pull { .. } => {
+                    goes_on = false;
+                    continue;
+                }
+            };
+            let v = node as usize;
+            let k = self.place[v] as usize;
+            let to = of_metres(to - self.rest[v], self.units.length);
+            let off = sub(to, self.now.u[k]);
+            goes_on &= weight(off, off) < GOES_ON * GOES_ON;
+            self.now.u[k] = to;
+            self.now.v[k] = of_metres(velocity, self.units.velocity());
         }
         self.follow_holds();
-        self.changed(Start::Restart);
+        // Nodes that are led on from where they are change nothing that schemes remember.
+        self.changed(match goes_on {
+            true => Start::Resume,
+            false => Start::Restart,
+        });
         Ok(())
     }
 
@@ -332,6 +359,39 @@ impl<T: Real> CpuBody<T> {
             stays[v as usize] = true;
         }
         stays
+    }
+
+    /// Whether nodes are led along.
+    pub(super) fn leads(&self) -> bool {
+        let led = |a: &Attachment| matches!(a, Attachment::Lead { velocity, .. } if *velocity != DVec3::ZERO);
+        self.attachments.iter().any(led)
+    }
+
+    /// Adds pressure on faces, three nodes each, at the level of this number.
+    pub fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize) {
+        let nodes = (&self.place[..], &self.rest[..]);
+        let pressure = Pressure::new(faces, level, nodes, &self.units, &self.plan);
+        self.loads.add_pressure(pressure);
+        self.changed(Start::Resume);
+    }
+
+    /// Adds a muscle of `network`, which this body is, at the level of this number.
+    pub fn add_muscle(
+        &mut self,
+        muscle: &Muscle,
+        level: usize,
+        (network, tets): (&SpringNetwork, &[[u32; 4]]),
+    ) {
+        let with = (&self.place[..], self.units, &*self.plan);
+        let fibres = Fibres::new(muscle, level, (network, tets), with);
+        self.add_term(Box::new(fibres));
+    }
+
+    /// Sets the levels of pressures (Pa) and muscles (activation).
+    pub fn set_levels(&mut self, levels: &[f64]) {
+        self.loads.set_levels(levels);
+        self.terms.iter_mut().for_each(|t| t.set_levels(levels));
+        self.changed(Start::Resume);
     }
 
     fn held(&self) -> impl Iterator<Item = u32> {
@@ -380,6 +440,26 @@ impl<T: Real> CpuBody<T> {
         let places = self.place.iter().take(self.node_count());
         places
             .map(|k| to_metres(self.now.v[*k as usize], self.units.velocity()))
+            .collect()
+    }
+
+    /// The force on every node where the body stands, N: of terms, with damping, and of loads.
+    pub fn forces(&self) -> Vec<DVec3> {
+        let mut forces = vec![zero(); self.node_count()];
+        let sources = Sources {
+            plan: &self.plan,
+            masses: &self.masses,
+            loads: &self.loads,
+            terms: &self.terms,
+        };
+        let at = At {
+            u: &self.now.u,
+            v: &self.now.v,
+        };
+        self.plan.enter(|| sources.forces(at, &mut forces));
+        let places = self.place.iter();
+        places
+            .map(|k| to_metres(forces[*k as usize], self.units.force()))
             .collect()
     }
 
@@ -432,7 +512,7 @@ impl<T: Real> CpuBody<T> {
 
 fn held(attachments: &[Attachment]) -> impl Iterator<Item = u32> {
     attachments.iter().filter_map(|a| match a {
-        Attachment::Hold { node, .. } => Some(*node),
+        Attachment::Hold { node, .. } | Attachment::Lead { node, .. } => Some(*node),
         Attachment::Pull { .. } => None,
     })
 }

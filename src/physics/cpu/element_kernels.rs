@@ -39,17 +39,21 @@ impl<T: Real> Batch<T> {
         mu * shear + half * lambda * growth * growth
     }
 
-    /// P times the volume, by columns, and the energy.
+    /// P times the volume, by columns, and the energy. `push` is a pressure, times the volume, that
+    /// comes from outside the tets.
     #[inline(always)]
-    pub fn stress(&self, law: Law, g: &L33<T::Lanes>) -> (L33<T::Lanes>, T::Lanes) {
+    pub fn stress(&self, law: Law, g: &L33<T::Lanes>, push: T::Lanes) -> (L33<T::Lanes>, T::Lanes) {
         let (c, less, growth) = cofactor_of_gradient(g);
         let [mu, lambda] = self.lame;
-        let (half, pressure) = (T::Lanes::of(0.5), lambda * growth);
+        let half_growth = T::Lanes::of(0.5) * growth;
+        let own = lambda * growth;
+        let pressure = own + push;
         match law {
             Law::NeoHookean => {
                 let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
                 let trace = g[0][0] + g[1][1] + g[2][2];
-                let energy = mu * (half * square - (growth - trace)) + half * pressure * growth;
+                let half = T::Lanes::of(0.5);
+                let energy = mu * (half * square - (growth - trace)) + own * half_growth;
                 // F − cof F, of which the units are gone.
                 let stress = combine(|j, i| mu * (g[j][i] - less[j][i]) + pressure * c[j][i]);
                 (stress, energy)
@@ -57,20 +61,27 @@ impl<T: Real> Batch<T> {
             Law::Corotated => {
                 let svd = Svd::new(g);
                 let m = svd.stretch;
-                let energy = mu * dot(m, m) + half * pressure * growth;
+                let energy = mu * dot(m, m) + own * half_growth;
                 let bent = svd.with(m.map(|x| (mu + mu) * x));
                 (combine(|j, i| bent[j][i] + pressure * c[j][i]), energy)
             }
         }
     }
 
-    /// How P times the volume changes when F does by `d`: exactly.
+    /// How P times the volume changes when F does by `d`, under a push that changes by the second
+    /// number: exactly.
     #[inline(always)]
-    pub fn stress_change(&self, law: Law, g: &L33<T::Lanes>, d: &L33<T::Lanes>) -> L33<T::Lanes> {
+    pub fn stress_change(
+        &self,
+        law: Law,
+        g: &L33<T::Lanes>,
+        d: &L33<T::Lanes>,
+        [push, push_change]: [T::Lanes; 2],
+    ) -> L33<T::Lanes> {
         let [mu, lambda] = self.lame;
         let (c, _, growth) = cofactor_of_gradient(g);
-        let pressure = lambda * growth;
-        let change = lambda * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2]));
+        let pressure = lambda * growth + push;
+        let change = lambda * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2])) + push_change;
         let f = with_unit(g);
         let turning = |j: usize| -> L3<T::Lanes> {
             let (k, l) = ((j + 1) % 3, (j + 2) % 3);
@@ -92,24 +103,25 @@ impl<T: Real> Batch<T> {
         }
     }
 
-    /// The six blocks off the diagonal of the second derivatives, in the order of [`PAIRS`],
-    /// times `scale`: for each tet the three columns of each block.
+    /// The six blocks off the diagonal of the second derivatives under a push that stays, in the
+    /// order of [`PAIRS`], times `scale`: for each tet the three columns of each block.
     #[inline(always)]
     pub fn blocks(
         &self,
-        law: Law,
+        (law, projected): (Law, bool),
         g: &L33<T::Lanes>,
-        projected: bool,
+        push: T::Lanes,
         scale: T::Lanes,
         mut take: impl FnMut(usize, [[V4<T>; 3]; 4]),
     ) {
         let lame = self.lame.map(|l| l * scale);
+        let push = push * scale;
         let gradients = self.all_gradients();
         if law == Law::NeoHookean && !projected {
             let f = with_unit(g);
             let (c, _, growth) = cofactor_of_gradient(g);
             let [mu, lambda] = lame;
-            let s = lambda * growth - mu;
+            let s = lambda * growth + push - mu;
             let cg = gradients.map(|g| times(&c, g));
             for (n, [a, b]) in PAIRS.iter().enumerate() {
                 // μ g_a·g_b I + λ (C g_a)(C g_b)ᵀ − s [F (g_a × g_b)]×.
@@ -131,7 +143,7 @@ impl<T: Real> Batch<T> {
             }
         } else {
             let svd = Svd::new(g);
-            let curvature = svd.curvature(law, lame, projected);
+            let curvature = svd.curvature(law, lame, push, projected);
             let turned = gradients.map(|g| svd.v.map(|v| dot(v, g)));
             for (n, [a, b]) in PAIRS.iter().enumerate() {
                 take(n, tets_apart::<T>(&curvature.block(turned[*a], turned[*b])));
@@ -139,8 +151,9 @@ impl<T: Real> Batch<T> {
         }
     }
 
+    /// Of the shape functions of all four nodes.
     #[inline(always)]
-    fn all_gradients(&self) -> [L3<T::Lanes>; 4] {
+    pub fn all_gradients(&self) -> [L3<T::Lanes>; 4] {
         let [a, b, c] = self.gradients;
         let rest = std::array::from_fn(|i| -(a[i] + b[i] + c[i]));
         [rest, a, b, c]

@@ -188,16 +188,22 @@ impl<L: Lane> Svd<L> {
         })
     }
 
-    /// The curvature of `law`, times what `lame` is times; without its negative eigenvalues, if it
-    /// is to be `projected`.
+    /// The curvature of `law` under a pressure `push` that stays, times what `lame` and that are
+    /// times; without its negative eigenvalues, if it is to be `projected`.
     #[inline(always)]
-    pub fn curvature(&self, law: Law, [mu, lambda]: [L; 2], projected: bool) -> Curvature<L> {
+    pub fn curvature(
+        &self,
+        law: Law,
+        [mu, lambda]: [L; 2],
+        push: L,
+        projected: bool,
+    ) -> Curvature<L> {
         let (s, one, half, zero) = (self.sigma, L::of(1.0), L::of(0.5), L::of(0.0));
         let m = &self.stretch;
         // J − 1 from the stretches.
         let pairs = m[0] * m[1] + m[1] * m[2] + m[2] * m[0];
         let growth = (m[0] + m[1] + m[2]) + pairs + m[0] * m[1] * m[2];
-        let pressure = lambda * growth;
+        let pressure = lambda * growth + push;
         let rest = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
         let clamp = |x: L| if projected { x.or_more(zero) } else { x };
         let across = match law {

@@ -6,11 +6,13 @@
 
 use super::block_rows::Rows;
 use super::element_batches::Batch;
+use super::element_volumes::{Beyond, Volumes};
+use super::lanes::Lane;
 use super::pool::{Chunks, Nodes, Plan};
 use super::real::Real;
 use super::terms::{At, Share, Term};
 use super::vectors::{Columns, V4, scale, sub, total, zero};
-use crate::physics::{Element, Law, SpringNetwork, Units};
+use crate::physics::{Elements, Law, SpringNetwork, Units};
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 
@@ -25,13 +27,15 @@ struct List<T: Real> {
 }
 
 /// The tets of a chunk of nodes.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Chunk<T: Real> {
     first: usize,
     /// All of their nodes are in the chunk.
     inner: List<T>,
     /// Some are.
     outer: List<T>,
+    /// Where what is around a node keeps its volume.
+    volumes: Option<Volumes<T>>,
     rows: Rows<T>,
     /// β K of the damping, in the pattern of the rows.
     damping: Vec<Columns<T>>,
@@ -40,7 +44,7 @@ struct Chunk<T: Real> {
 }
 
 /// All tets of a body.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Tets<T: Real> {
     law: Law,
     chunks: Vec<Chunk<T>>,
@@ -72,9 +76,10 @@ impl<T: Real> Tets<T> {
         for (k, v) in order.iter().enumerate() {
             place[*v as usize] = k as u32;
         }
-        let tets = &network.elements.tets;
+        let elements = &network.elements;
+        let tets = &elements.tets;
         // Nodes ascending, so that blocks above the diagonal are those of the pairs.
-        let mut sorted: Vec<([u32; 4], [usize; 4], u32)> = tets
+        let mut sorted: Vec<Sorted> = tets
             .iter()
             .enumerate()
             .map(|(t, tet)| {
@@ -85,15 +90,16 @@ impl<T: Real> Tets<T> {
             })
             .collect();
         sorted.sort_unstable();
+        let cells = elements.cells();
         let mut lists = vec![(Vec::new(), Vec::new()); plan.chunks()];
-        for tet in sorted {
+        for tet in &sorted {
             let mut homes = tet.0.map(|v| plan.chunk_of(v as usize)).to_vec();
             homes.dedup();
             match homes[..] {
-                [home] => lists[home].0.push((tet, true)),
+                [home] => lists[home].0.push((*tet, true)),
                 _ => {
                     for (n, home) in homes.iter().enumerate() {
-                        lists[*home].1.push((tet, n == 0));
+                        lists[*home].1.push((*tet, n == 0));
                     }
                 }
             }
@@ -107,8 +113,19 @@ impl<T: Real> Tets<T> {
                 false => Rows::default(),
             };
             let fill = plan.range(c).start as u32;
-            let list = |own: &[_]| List::new(own, tets, &units, &rows, fill);
+            let list = |own: &[_]| List::new(own, elements, &units, &rows, fill);
+            let volumes = (!cells.cells.is_empty()).then(|| {
+                let beyond = Beyond {
+                    elements,
+                    units: &units,
+                    cells: &cells,
+                    place: &place,
+                    sorted: &sorted,
+                };
+                Volumes::new(&beyond, plan.range(c), [&inner, &outer], implicit)
+            });
             Chunk {
+                volumes,
                 first: plan.range(c).start,
                 inner: list(&inner),
                 outer: list(&outer),
@@ -130,47 +147,68 @@ impl<T: Real> Tets<T> {
         if tets.damping > T::ZERO {
             for chunk in &mut tets.chunks {
                 chunk.damping = vec![[zero(); 3]; chunk.rows.values.len()];
+                if let Some(volumes) = &mut chunk.volumes {
+                    volumes.damp();
+                }
             }
         }
         tets
     }
 }
 
-/// A tet, its nodes ascending, with the places they had; and whether its energy is counted.
-type Listed = (([u32; 4], [usize; 4], u32), bool);
+/// A tet, its nodes ascending, with the places they had.
+pub(super) type Sorted = ([u32; 4], [usize; 4], u32);
+
+/// And whether its energy is counted.
+pub(super) type Listed = (Sorted, bool);
+
+impl<T: Real> Batch<T> {
+    /// Up to four of the elements; the rest are at node `fill`.
+    pub fn new(own: &[Listed], elements: &Elements, units: &Units, fill: u32) -> Batch<T> {
+        let mut nodes = [[fill; 4]; 4];
+        let mut gradients = [[[T::ZERO; 4]; 3]; 3];
+        let mut lame = [[T::ZERO; 4]; 2];
+        for (l, ((sorted, turn, t), _)) in own.iter().enumerate() {
+            let tet = elements.own(&elements.tets[*t as usize]);
+            nodes[l] = *sorted;
+            let all = tet.gradients();
+            for k in 0..3 {
+                let g: DVec3 = all[turn[k + 1]] * units.length;
+                for (axis, x) in g.to_array().into_iter().enumerate() {
+                    gradients[k][axis][l] = T::of(x);
+                }
+            }
+            for (to, modulus) in lame.iter_mut().zip(tet.lame) {
+                to[l] = T::of(modulus * tet.volume / units.energy());
+            }
+        }
+        Batch {
+            nodes,
+            gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
+            lame: lame.map(|l| T::lanes(&l)),
+        }
+    }
+}
 
 impl<T: Real> List<T> {
-    fn new(own: &[Listed], tets: &[Element], units: &Units, rows: &Rows<T>, fill: u32) -> List<T> {
+    fn new(
+        own: &[Listed],
+        elements: &Elements,
+        units: &Units,
+        rows: &Rows<T>,
+        fill: u32,
+    ) -> List<T> {
         let mut list = List::default();
         for four in own.chunks(4) {
-            let mut nodes = [[fill; 4]; 4];
-            let mut gradients = [[[T::ZERO; 4]; 3]; 3];
-            let mut lame = [[T::ZERO; 4]; 2];
             let mut places = [[0; 6]; 4];
             let mut counted = [T::ZERO; 4];
-            for (l, ((sorted, turn, t), counts)) in four.iter().enumerate() {
-                let tet = &tets[*t as usize];
-                nodes[l] = *sorted;
-                let all = tet.gradients();
-                for k in 0..3 {
-                    let g: DVec3 = all[turn[k + 1]] * units.length;
-                    for (axis, x) in g.to_array().into_iter().enumerate() {
-                        gradients[k][axis][l] = T::of(x);
-                    }
-                }
-                for (to, modulus) in lame.iter_mut().zip(tet.lame) {
-                    to[l] = T::of(modulus * tet.volume / units.energy());
-                }
+            for (l, ((sorted, ..), counts)) in four.iter().enumerate() {
                 for (place, [a, b]) in places[l].iter_mut().zip(super::element_kernels::PAIRS) {
                     *place = rows.place(sorted[a], sorted[b]);
                 }
                 counted[l] = T::of_bit(u32::from(*counts));
             }
-            list.batches.push(Batch {
-                nodes,
-                gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
-                lame: lame.map(|l| T::lanes(&l)),
-            });
+            list.batches.push(Batch::new(four, elements, units, fill));
             list.places.push(places);
             list.counted.push(counted);
         }
@@ -187,21 +225,24 @@ impl<T: Real> List<T> {
             .sum()
     }
 
-    /// Adds the forces; of velocities `v`, if there are any, also those of the damping β.
+    /// Adds the forces; of velocities `v`, if there are any, also those of the damping β. `push`
+    /// tells what presses in the tets of a batch beside their law, and how that changes.
     #[inline(always)]
     fn forces<const INNER: bool, const DAMPED: bool>(
         &self,
         law: Law,
         (u, v, damping): (&[V4<T>], &[V4<T>], T),
+        push: impl Fn(usize) -> [T::Lanes; 2],
         first: usize,
         f: &mut [V4<T>],
     ) -> f64 {
         let mut sum = 0.0;
-        for (batch, counted) in self.batches.iter().zip(&self.counted) {
+        for (n, (batch, counted)) in self.batches.iter().zip(&self.counted).enumerate() {
             let g = batch.gradient(u);
-            let (mut stress, energy) = batch.stress(law, &g);
+            let push = push(n);
+            let (mut stress, energy) = batch.stress(law, &g, push[0]);
             if DAMPED {
-                let change = batch.stress_change(law, &g, &batch.gradient(v));
+                let change = batch.stress_change(law, &g, &batch.gradient(v), push);
                 for (s, c) in stress
                     .as_flattened_mut()
                     .iter_mut()
@@ -217,11 +258,17 @@ impl<T: Real> List<T> {
     }
 
     #[inline(always)]
-    fn assemble<const INNER: bool>(&self, how: How<T>, u: &[V4<T>], rows: &mut Rows<T>) {
-        for (batch, places) in self.batches.iter().zip(&self.places) {
+    fn assemble<const INNER: bool>(
+        &self,
+        how: How<T>,
+        u: &[V4<T>],
+        push: impl Fn(usize) -> [T::Lanes; 2],
+        rows: &mut Rows<T>,
+    ) {
+        for (k, (batch, places)) in self.batches.iter().zip(&self.places).enumerate() {
             let g = batch.gradient(u);
-            let scale = how.scale.splat();
-            batch.blocks(how.law, &g, how.projected, scale, |n, blocks| {
+            let (law, scale) = ((how.law, how.projected), how.scale.splat());
+            batch.blocks(law, &g, push(k)[0], scale, |n, blocks| {
                 for (block, places) in blocks.iter().zip(places) {
                     match INNER {
                         true => rows.add(places[n], block),
@@ -242,10 +289,55 @@ impl<T: Real> Chunk<T> {
         } else {
             self.rows.values.fill([zero(); 3]);
         }
-        self.inner.assemble::<true>(how, u, &mut self.rows);
-        self.outer.assemble::<false>(how, u, &mut self.rows);
+        let (inner, outer, rows) = (&self.inner, &self.outer, &mut self.rows);
+        if let Some(volumes) = &mut self.volumes {
+            let lists = [&inner.batches[..], &outer.batches];
+            {
+                let changes = volumes.changes::<false>(u, u, lists);
+                inner.assemble::<true>(how, u, |n| changes.push(&volumes.inner, n), rows);
+                outer.assemble::<false>(how, u, |n| changes.push(&volumes.outer, n), rows);
+            }
+            volumes.linearise(u, lists, how.scale, how.damping);
+        } else {
+            inner.assemble::<true>(how, u, nothing, rows);
+            outer.assemble::<false>(how, u, nothing, rows);
+        }
         self.rows.finish();
     }
+
+    #[inline(always)]
+    fn forces<const DAMPED: bool>(
+        &self,
+        law: Law,
+        with: (&[V4<T>], &[V4<T>], T),
+        f: &mut [V4<T>],
+    ) -> f64 {
+        let (inner, outer, first) = (&self.inner, &self.outer, self.first);
+        let Some(volumes) = &self.volumes else {
+            return inner.forces::<true, DAMPED>(law, with, nothing, first, f)
+                + outer.forces::<false, DAMPED>(law, with, nothing, first, f);
+        };
+        let lists = [&inner.batches[..], &outer.batches];
+        let changes = volumes.changes::<DAMPED>(with.0, with.1, lists);
+        let push = |n| changes.push(&volumes.inner, n);
+        let sum = inner.forces::<true, DAMPED>(law, with, push, first, f);
+        let push = |n| changes.push(&volumes.outer, n);
+        sum + outer.forces::<false, DAMPED>(law, with, push, first, f) + volumes.energy(&changes)
+    }
+
+    fn energy(&self, law: Law, u: &[V4<T>]) -> f64 {
+        let shared = self.volumes.as_ref().map_or(0.0, |volumes| {
+            let lists = [&self.inner.batches[..], &self.outer.batches];
+            volumes.energy(&volumes.changes::<false>(u, u, lists))
+        });
+        self.inner.energy(law, u) + self.outer.energy(law, u) + shared
+    }
+}
+
+/// No push.
+#[inline(always)]
+fn nothing<L: Lane>(_: usize) -> [L; 2] {
+    [L::of(0.0); 2]
 }
 
 impl<T: Real> Term<T> for Tets<T> {
@@ -258,22 +350,15 @@ impl<T: Real> Term<T> for Tets<T> {
         if self.damping == T::ZERO {
             return self.elastic(chunk, at.u, f);
         }
-        let chunk = &self.chunks[chunk];
-        let (with, first) = ((at.u, at.v, self.damping), chunk.first);
-        chunk.inner.forces::<true, true>(self.law, with, first, f)
-            + chunk.outer.forces::<false, true>(self.law, with, first, f)
+        self.chunks[chunk].forces::<true>(self.law, (at.u, at.v, self.damping), f)
     }
 
     fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
-        let chunk = &self.chunks[chunk];
-        let (with, first) = ((u, u, T::ZERO), chunk.first);
-        chunk.inner.forces::<true, false>(self.law, with, first, f)
-            + chunk.outer.forces::<false, false>(self.law, with, first, f)
+        self.chunks[chunk].forces::<false>(self.law, (u, u, T::ZERO), f)
     }
 
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
-        let chunk = &self.chunks[chunk];
-        chunk.inner.energy(self.law, u) + chunk.outer.energy(self.law, u)
+        self.chunks[chunk].energy(self.law, u)
     }
 
     fn lag(&mut self, plan: &Plan, u: &[V4<T>]) {
@@ -290,6 +375,9 @@ impl<T: Real> Term<T> for Tets<T> {
             for chunk in chunks.0 {
                 chunk.assemble(how, u);
                 std::mem::swap(&mut chunk.rows.values, &mut chunk.damping);
+                if let Some(volumes) = &mut chunk.volumes {
+                    volumes.lag();
+                }
             }
             []
         });
@@ -300,11 +388,13 @@ impl<T: Real> Term<T> for Tets<T> {
     }
 
     fn resist(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
-        let Chunk { rows, damping, .. } = &self.chunks[chunk];
-        if damping.is_empty() {
+        let chunk = &self.chunks[chunk];
+        if chunk.damping.is_empty() {
             return 0.0;
         }
-        0.5 * rows.resist(damping, at.v, f)
+        let shared = chunk.volumes.as_ref();
+        let shared = shared.map_or(0.0, |v| v.resist(chunk.first, at.v, f));
+        0.5 * (chunk.rows.resist(&chunk.damping, at.v, f) + shared)
     }
 
     fn project(&mut self, projected: bool) {
@@ -323,19 +413,33 @@ impl<T: Real> Term<T> for Tets<T> {
             for chunk in chunks.0 {
                 chunk.assemble(how, at.u);
                 chunk.rows.add_diagonal(diagonal.0);
+                if let Some(volumes) = &chunk.volumes {
+                    volumes.add_diagonal(chunk.first, diagonal.0);
+                }
             }
             []
         });
     }
 
     fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
-        let rows = &self.chunks[chunk].rows;
+        let Chunk {
+            rows,
+            volumes,
+            first,
+            ..
+        } = &self.chunks[chunk];
         rows.multiply(&rows.values, p, y);
+        if let Some(volumes) = volumes {
+            volumes.multiply(*first, p, y);
+        }
     }
 
     fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for chunk in &self.chunks {
             chunk.rows.pairs(visit);
+            if let Some(volumes) = &chunk.volumes {
+                volumes.pairs(visit);
+            }
         }
     }
 

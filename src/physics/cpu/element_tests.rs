@@ -13,7 +13,7 @@ use super::tests::{noise, some};
 use super::vectors::{V4, apply_symmetric, of_metres};
 use crate::mesh::generate;
 use crate::physics::elements::eigen;
-use crate::physics::{Element, Law, Material, SpringNetwork, Units};
+use crate::physics::{Element, Elements, Law, Material, SpringNetwork, Units, VolumeModel};
 use glam::{DMat3, DVec3};
 
 const LAWS: [Law; 2] = [Law::NeoHookean, Law::Corotated];
@@ -81,11 +81,12 @@ fn errors<T: Real>(law: Law, spoil: impl Fn(&mut Element)) -> [f64; 4] {
         let g = batch.gradient(&u);
         let energy = T::array(batch.energy(law, &g));
         let mut forces = vec![[T::ZERO; 4]; 16];
-        let (stress, same) = batch.stress(law, &g);
+        let (stress, same) = batch.stress(law, &g, T::Lanes::of(0.0));
         batch.scatter::<true>(&stress, 0, &mut forces);
         let mut blocks = [[[DMat3::ZERO; 6]; 4]; 2];
         for (projected, blocks) in blocks.iter_mut().enumerate() {
-            batch.blocks(law, &g, projected > 0, T::Lanes::of(1.0), |n, tets| {
+            let (with, none, one) = ((law, projected > 0), T::Lanes::of(0.0), T::Lanes::of(1.0));
+            batch.blocks(with, &g, none, one, |n, tets| {
                 for (l, [x, y, z]) in tets.into_iter().enumerate() {
                     blocks[l][n] = DMat3::from_cols(vector(x), vector(y), vector(z));
                 }
@@ -236,10 +237,42 @@ pub fn bar(cells: [usize; 3], law: Law, springs: bool) -> SpringNetwork {
     network
 }
 
+/// The bar of tets that keep their volumes so, of two materials, one `contrast` times as stiff; a
+/// few tets do not belong.
+fn mixed(law: Law, volume: VolumeModel, contrast: f64) -> SpringNetwork {
+    let mut network = bar([5, 3, 2], law, false);
+    network.elements.volume = volume;
+    let (rest, tets) = (&network.rest, &mut network.elements.tets);
+    for e in tets {
+        let corners = e.nodes.map(|v| rest[v as usize]);
+        let stiff = corners.iter().map(|x| x.x).sum::<f64>() > 0.3;
+        let (young, poisson) = if stiff {
+            (contrast * 1e6, 0.45)
+        } else {
+            (1e6, 0.48)
+        };
+        *e = Element::new(e.nodes, corners, young, poisson, law).unwrap();
+        e.region = u32::from(stiff);
+        if corners[0].x > 0.3 {
+            *e = Element::new(e.nodes, corners, young, 0.1, law).unwrap();
+        }
+    }
+    network
+}
+
 #[test]
-fn the_term_is_the_sum_of_plain_tets() {
-    for law in LAWS {
-        let network = bar([5, 3, 2], law, false);
+fn the_term_is_the_plain_form() {
+    use VolumeModel::{Averaged, PerTet};
+    for (law, volume, contrast) in [
+        (Law::NeoHookean, PerTet, 1.0),
+        (Law::Corotated, PerTet, 1.0),
+        (Law::NeoHookean, Averaged, 1.0),
+        (Law::NeoHookean, Averaged, 1e5),
+        (Law::Corotated, Averaged, 30.0),
+    ] {
+        let mut network = mixed(law, volume, contrast);
+        network.damping_time = 0.3;
+        let elements = &network.elements;
         let count = network.rest.len();
         let moved: Vec<DVec3> = some(count, 3, 0.02);
         let p = some(count, 4, 1.0);
@@ -249,27 +282,30 @@ fn the_term_is_the_sum_of_plain_tets() {
             .zip(&moved)
             .map(|(x, d)| *x + *d)
             .collect();
-        let mut plain = (
-            0.0,
-            vec![DVec3::ZERO; count],
-            [vec![DVec3::ZERO; count], vec![DVec3::ZERO; count]],
-        );
-        for e in &network.elements.tets {
-            let corners = e.nodes.map(|v| places[v as usize]);
-            plain.0 += e.energy(law, &corners);
-            let blocks = [
-                e.stiffness(law, &corners),
-                e.projected_stiffness(law, &corners),
-            ];
-            for (a, f) in e.forces(law, &corners).into_iter().enumerate() {
-                plain.1[e.nodes[a] as usize] += f;
-                for (product, k) in plain.2.iter_mut().zip(&blocks) {
+        let product = |projected: bool| -> Vec<DVec3> {
+            let (blocks, squares) = elements.stiffness(&places, projected);
+            assert_eq!(squares.is_empty(), volume == PerTet);
+            let mut out = vec![DVec3::ZERO; count];
+            for (e, k) in elements.tets.iter().zip(&blocks) {
+                for a in 0..4 {
                     for b in 0..4 {
-                        product[e.nodes[a] as usize] += k[a][b] * p[e.nodes[b] as usize];
+                        out[e.nodes[a] as usize] += k[a][b] * p[e.nodes[b] as usize];
                     }
                 }
             }
-        }
+            for square in &squares {
+                let along: f64 = square.iter().map(|(v, s)| s.dot(p[*v as usize])).sum();
+                for (v, s) in square {
+                    out[*v as usize] += along * *s;
+                }
+            }
+            out
+        };
+        let (energy, forces) = (elements.energy(&places), elements.forces(&places));
+        let products = [product(false), product(true)];
+        let with = |by: f64, of: &[DVec3], more: &[DVec3]| -> Vec<DVec3> {
+            of.iter().zip(more).map(|(x, d)| *x + by * *d).collect()
+        };
         for chunks in [1, 2, 3] {
             let lumps = Lumps::new(&network.rest, 12);
             let plan = Plan::with(lumps.starts, chunks);
@@ -286,18 +322,44 @@ fn the_term_is_the_sum_of_plain_tets() {
                     .map(|c| term.elastic(c, &u, &mut f[plan.range(c)]))
                     .sum()
             };
-            let energy = sum(&mut f) * units.energy();
+            let same = sum(&mut f) * units.energy();
             let again: f64 = (0..chunks).map(|c| term.energy(c, &u)).sum();
-            assert!((energy / plain.0 - 1.0).abs() < 1e-12);
-            assert!((again * units.energy() / plain.0 - 1.0).abs() < 1e-12);
+            assert!((same / energy - 1.0).abs() < 1e-12);
+            assert!((again * units.energy() / energy - 1.0).abs() < 1e-12);
             let far = |a: &[V4<f64>], b: &[DVec3], unit: f64| {
                 let size = b.iter().map(|b| b.length()).fold(0.0, f64::max);
                 let both = a.iter().zip(&lumps.order);
                 let off = both.map(|(a, i)| (vector(*a) * unit).distance(b[*i as usize]));
                 off.fold(0.0, f64::max) / size
             };
-            assert!(far(&f, &plain.1, units.force()) < 1e-12);
-            for (projected, product) in plain.2.iter().enumerate() {
+            assert!(far(&f, &forces, units.force()) < 1e-12);
+            // Of explicit schemes the damping is exact, and where the body is.
+            let mut f = vec![[0.0; 4]; count];
+            let w = local(&p, units.length / units.time);
+            let at = At { u: &u, v: &w };
+            for c in 0..chunks {
+                term.forces(c, at, &mut f[plan.range(c)]);
+            }
+            // What p are metres of are metres a second here.
+            let damped = with(-network.damping_time, &forces, &products[0]);
+            assert!(far(&f, &damped, units.force()) < 1e-10);
+            assert!(far(&f, &forces, units.force()) > 1e-3);
+            // Of implicit ones it is projected, and may be from elsewhere.
+            term.lag(&plan, &u);
+            let mut f = vec![[0.0; 4]; count];
+            let half_power: f64 = (0..chunks)
+                .map(|c| term.resist(c, at, &mut f[plan.range(c)]))
+                .sum();
+            let damped = with(
+                -network.damping_time,
+                &vec![DVec3::ZERO; count],
+                &products[1],
+            );
+            assert!(far(&f, &damped, units.force()) < 1e-10);
+            let power: f64 = damped.iter().zip(&p).map(|(f, p)| f.dot(*p)).sum();
+            let watts = units.energy() / units.time;
+            assert!((-2.0 * half_power * watts / power - 1.0).abs() < 1e-10);
+            for (projected, product) in products.iter().enumerate() {
                 let mut diagonal = vec![[0.0; 8]; count];
                 let mut change = vec![[0.0; 4]; count];
                 let share = Share {
@@ -305,14 +367,21 @@ fn the_term_is_the_sum_of_plain_tets() {
                     change: &mut change,
                 };
                 term.project(projected > 0);
-                term.linearise(&plan, At { u: &u, v: &u }, 1.0, share);
+                let h = 0.7;
+                let seconds = h * units.time;
+                term.linearise(&plan, At { u: &u, v: &u }, h, share);
                 let mut y = vec![[0.0; 4]; count];
                 for c in 0..chunks {
                     term.multiply(c, &q, &mut y[plan.range(c)]);
                 }
-                let error = far(&y, product, units.force());
+                let unit = units.force() * units.time * units.time;
+                let both = with(network.damping_time / seconds, product, &products[1]);
+                let both: Vec<DVec3> = both.iter().map(|x| *x * seconds * seconds).collect();
+                let error = far(&y, &both, unit);
                 assert!(error < 1e-10, "{law:?} {projected} {error}");
-                assert!(far(&y, &plain.2[1 - projected], units.force()) > 1e-6);
+                let damping: Vec<DVec3> =
+                    products[1].iter().map(|x| *x * seconds * seconds).collect();
+                assert!(far(&y, &damping, unit) > 1e-3);
                 // The same from the blocks that it tells.
                 let mut z: Vec<V4<f64>> = (0..count)
                     .map(|k| apply_symmetric(&diagonal[k], q[k]))
@@ -325,7 +394,83 @@ fn the_term_is_the_sum_of_plain_tets() {
                         }
                     }
                 });
-                assert!(far(&z, product, units.force()) < 1e-10);
+                assert!(far(&z, &both, unit) < 1e-10);
+            }
+        }
+    }
+}
+
+/// Averaged volumes: forces and second derivatives are the slopes of one energy, which is that of
+/// the tets where all are strained alike and at most that anywhere.
+#[test]
+fn averaged_volumes_have_one_energy() {
+    for (law, contrast) in [(Law::NeoHookean, 1e5), (Law::Corotated, 3.0)] {
+        let network = mixed(law, VolumeModel::Averaged, contrast);
+        let per_tet = Elements {
+            volume: VolumeModel::PerTet,
+            ..network.elements.clone()
+        };
+        let elements = &network.elements;
+        let rest = &network.rest;
+        let strain = DMat3::from_cols(
+            DVec3::new(1.1, 0.2, 0.0),
+            DVec3::new(-0.1, 0.9, 0.3),
+            DVec3::new(0.0, 0.1, 1.05),
+        );
+        let strained: Vec<DVec3> = rest.iter().map(|x| strain * *x).collect();
+        let (a, b) = (elements.energy(&strained), per_tet.energy(&strained));
+        assert!((a / b - 1.0).abs() < 1e-12, "{law:?} {a} {b}");
+        assert!(elements.energy(rest).abs() < 1e-12 * a);
+        let off = elements
+            .forces(rest)
+            .iter()
+            .map(|f| f.length())
+            .fold(0.0, f64::max);
+        let most = elements
+            .forces(&strained)
+            .iter()
+            .map(|f| f.length())
+            .fold(0.0, f64::max);
+        assert!(off < 1e-10 * most, "{law:?} {off} {most}");
+        let count = rest.len();
+        for size in [1e-3, 0.02, 0.1] {
+            let moved = some(count, 8, size);
+            let x: Vec<DVec3> = rest.iter().zip(&moved).map(|(x, d)| *x + *d).collect();
+            assert!(elements.energy(&x) < 0.99 * per_tet.energy(&x));
+            let p = some(count, 9, 1.0);
+            let at =
+                |s: f64| -> Vec<DVec3> { x.iter().zip(&p).map(|(x, p)| *x + s * *p).collect() };
+            let d = 1e-6 * size.min(0.02);
+            let slope = (elements.energy(&at(d)) - elements.energy(&at(-d))) / (2.0 * d);
+            let forces = elements.forces(&x);
+            let expected: f64 = forces.iter().zip(&p).map(|(f, p)| -f.dot(*p)).sum();
+            assert!(
+                (slope / expected - 1.0).abs() < 1e-5,
+                "{law:?} {size} {slope} {expected}"
+            );
+            let [up, down] = [elements.forces(&at(d)), elements.forces(&at(-d))];
+            let (blocks, squares) = elements.stiffness(&x, false);
+            let mut product = vec![DVec3::ZERO; count];
+            for (e, k) in elements.tets.iter().zip(&blocks) {
+                for a in 0..4 {
+                    for b in 0..4 {
+                        product[e.nodes[a] as usize] += k[a][b] * p[e.nodes[b] as usize];
+                    }
+                }
+            }
+            for square in &squares {
+                let along: f64 = square.iter().map(|(v, s)| s.dot(p[*v as usize])).sum();
+                square
+                    .iter()
+                    .for_each(|(v, s)| product[*v as usize] += along * *s);
+            }
+            let most = product.iter().map(|f| f.length()).fold(0.0, f64::max);
+            for (i, k) in product.iter().enumerate() {
+                let slope = (down[i] - up[i]) / (2.0 * d);
+                assert!(
+                    slope.distance(*k) < 1e-5 * most,
+                    "{law:?} {size} {slope} {k}"
+                );
             }
         }
     }

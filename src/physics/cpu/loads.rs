@@ -1,6 +1,7 @@
 //! What acts on a body from outside: gravity, forces, pins, and attachments.
 
 use super::pool::Plan;
+use super::pressure::Pressure;
 use super::real::Real;
 use super::vectors::{V4, add, of_metres, scale, sub, zero};
 use crate::physics::Units;
@@ -16,6 +17,15 @@ pub enum Attachment {
         node: u32,
         /// Where, m from the frame's origin.
         place: DVec3,
+    },
+    /// The node is at a place, and goes on from there at a velocity.
+    Lead {
+        /// Which, by the file's numbers.
+        node: u32,
+        /// Where it is now, m from the frame's origin.
+        place: DVec3,
+        /// m/s.
+        velocity: DVec3,
     },
     /// A spring without length from the node to a target.
     Pull {
@@ -34,13 +44,18 @@ impl Attachment {
     /// The node.
     pub fn node(&self) -> u32 {
         match self {
-            Attachment::Hold { node, .. } | Attachment::Pull { node, .. } => *node,
+            Attachment::Hold { node, .. }
+            | Attachment::Lead { node, .. }
+            | Attachment::Pull { node, .. } => *node,
         }
     }
 
     fn sound(&self) -> bool {
         match self {
             Attachment::Hold { place, .. } => place.is_finite(),
+            Attachment::Lead {
+                place, velocity, ..
+            } => place.is_finite() && velocity.is_finite(),
             Attachment::Pull {
                 target,
                 stiffness,
@@ -68,6 +83,7 @@ pub struct Loads<T> {
     forces: Vec<V4<T>>,
     forced: bool,
     draws: Vec<Draw<T>>,
+    pressures: Vec<Pressure<T>>,
 }
 
 impl<T: Real> Loads<T> {
@@ -78,7 +94,18 @@ impl<T: Real> Loads<T> {
             forces: vec![zero(); nodes],
             forced: false,
             draws: Vec::new(),
+            pressures: Vec::new(),
         }
+    }
+
+    /// Adds a pressure.
+    pub(super) fn add_pressure(&mut self, pressure: Pressure<T>) {
+        self.pressures.push(pressure);
+    }
+
+    /// Takes the pressures from among all levels.
+    pub fn set_levels(&mut self, levels: &[f64]) {
+        self.pressures.iter_mut().for_each(|p| p.set_level(levels));
     }
 
     /// Sets gravity, m/s².
@@ -141,6 +168,9 @@ impl<T: Real> Loads<T> {
             let i = d.node - nodes.start;
             f[i] = add(f[i], d.pull(u));
         }
+        for pressure in &self.pressures {
+            pressure.put(chunk, nodes.start, u, f);
+        }
     }
 }
 
@@ -165,7 +195,10 @@ impl<T: Real> Loads<T> {
             let (f, v) = (d.pull(u), v[d.node - nodes.start]);
             sum += (f[0] * v[0] + f[1] * v[1] + f[2] * v[2]).wide();
         }
-        sum
+        let pressures = self.pressures.iter();
+        sum + pressures
+            .map(|p| p.power(chunk, nodes.start, u, v))
+            .sum::<f64>()
     }
 }
 

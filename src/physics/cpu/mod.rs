@@ -1,6 +1,8 @@
 //! Bodies stepped on the CPU by threads, generic over f32 and f64; nodes in the order of a
 //! recursive bisection, so that those of one group lie together in space and in memory.
 
+#[cfg(test)]
+mod acting_tests;
 mod block_rows;
 mod body;
 mod cg;
@@ -13,6 +15,9 @@ mod element_svd;
 mod element_term;
 #[cfg(test)]
 mod element_tests;
+#[cfg(test)]
+mod element_volume_tests;
+mod element_volumes;
 mod explicit;
 mod grid;
 mod guard;
@@ -21,6 +26,7 @@ mod implicit;
 mod lanes;
 mod line_search;
 mod loads;
+mod muscle;
 mod newton;
 mod newton_residual;
 mod newton_step;
@@ -38,6 +44,7 @@ mod pool;
 mod pose;
 mod potential;
 mod preconditioner;
+mod pressure;
 mod real;
 mod rigid;
 mod rigid_body;

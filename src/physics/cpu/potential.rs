@@ -7,7 +7,7 @@ use super::real::Real;
 use super::rigid::RigidBodies;
 use super::rules::Form;
 use super::terms::{At, Term};
-use super::vectors::{V4, add, scale, sub, zero};
+use super::vectors::{V4, add, add_scaled, scale, sub, zero};
 
 /// A displacement from the start of the step, and its potential.
 #[derive(Clone, Debug)]
@@ -49,8 +49,9 @@ impl<T: Real> Trial<T> {
         T::ROUNDING * (self.inertia.abs() + self.elastic.abs() + self.loss.abs())
     }
 
-    /// Puts the nodes that are free at δ = `at`, those that are not at 0, those of rigid bodies as
-    /// their last trial says, and weighs their inertia.
+    /// Puts the nodes that are free at δ = `at`, those of rigid bodies as their last trial says, and
+    /// the others where their velocities take them (none, but of nodes that are led); and weighs
+    /// the inertia of the free.
     pub fn put(
         &mut self,
         scene: &Scene<'_, T>,
@@ -60,6 +61,7 @@ impl<T: Real> Trial<T> {
         at: impl Fn(usize) -> V4<T> + Sync,
     ) {
         let over = T::of(1.0 / form.gamma);
+        let reach = T::of(form.reach);
         let data = (
             Nodes(&mut self.delta),
             Nodes(&mut self.place),
@@ -69,13 +71,17 @@ impl<T: Real> Trial<T> {
             let (mut inertia, mut drag) = (0.0, 0.0);
             for (n, i) in nodes.enumerate() {
                 let free = scene.free[i];
+                let led = match i >= rigid.first {
+                    true => zero(),
+                    false => scale(T::ONE - free, scene.at.v[i]),
+                };
                 let d = match i >= rigid.first {
                     true => rigid.change(i),
-                    false => scale(free, at(i)),
+                    false => add_scaled(scale(free, at(i)), reach, led),
                 };
                 delta.0[n] = d;
                 place.0[n] = add(scene.at.u[i], d);
-                let w = scale(free * over, sub(d, guesses.base(i)));
+                let w = add_scaled(led, free * over, sub(d, guesses.base(i)));
                 speed.0[n] = w;
                 // Over γ before it is squared: the square of what is small would be subnormal.
                 let off = scale(free * over, sub(d, guesses.goal(i)));

@@ -55,7 +55,8 @@ impl<T: Real> CpuBody<T> {
         let mut held: Vec<Vec<(usize, DVec3)>> = vec![Vec::new(); rigid.bodies.len()];
         let wanted = self.attachments.iter().filter_map(|a| match a {
             Attachment::Hold { node, place } => Some((*node as usize, Some(*place))),
-            Attachment::Pull { .. } => None,
+            // Of rigid bodies none are led.
+            Attachment::Lead { .. } | Attachment::Pull { .. } => None,
         });
         let pinned = (0..self.pinned.len()).filter(|v| self.pinned[*v]);
         let mut moves = false;

@@ -4,7 +4,7 @@ use super::loads::Attachment;
 use super::worker::{Errand, LoadChange, Stepped, Worker};
 use crate::Result;
 use crate::physics::loads::LoadVersions;
-use crate::physics::{Grip, Loads};
+use crate::physics::{Grip, Held, Loads};
 use glam::DVec3;
 
 /// Sends the loads that have changed since those of the versions in `sent`.
@@ -24,6 +24,7 @@ pub(super) fn send_loads<B: Stepped>(
         pinned: differs(|v| v.held).then(|| loads.pinned().to_vec()),
         forces: differs(|v| v.forces).then(|| loads.forces().to_vec()),
         attachments: differs(|v| v.grabs).then(|| attachments(loads)),
+        levels: differs(|v| v.levels).then(|| loads.levels().to_vec()),
     };
     *sent = Some(versions);
     worker.ask(Errand::Loads(Box::new(change)))
@@ -33,21 +34,25 @@ pub(super) fn send_loads<B: Stepped>(
 pub(super) fn attachments(loads: &Loads) -> Vec<Attachment> {
     let (frame, unit) = loads.frame_and_unit();
     let metres = |p: DVec3| (p - frame.origin) * unit;
-    let mut all = Vec::new();
-    for grab in loads.grabs.iter() {
-        let share = grab.nodes.len() as f64;
-        for (node, offset) in grab.nodes.iter().zip(&grab.offsets) {
-            let place = metres(grab.target + *offset);
-            all.push(match grab.grip {
-                Grip::Follow => Attachment::Hold { node: *node, place },
-                Grip::Spring { stiffness, limit } => Attachment::Pull {
-                    node: *node,
-                    target: place,
-                    stiffness: stiffness / share,
-                    limit: limit / share,
-                },
-            });
-        }
-    }
-    all
+    let led = loads.led().iter().flat_map(|led| {
+        led.each().map(|(node, place, velocity)| Attachment::Lead {
+            node,
+            place: metres(place),
+            velocity: velocity * unit,
+        })
+    });
+    let held = loads.grabs.iter().flat_map(|grab| grab.held());
+    let held = held.map(|Held { node, place, grip }| match grip {
+        Grip::Follow => Attachment::Hold {
+            node,
+            place: metres(place),
+        },
+        Grip::Spring { stiffness, limit } => Attachment::Pull {
+            node,
+            target: metres(place),
+            stiffness,
+            limit,
+        },
+    });
+    led.chain(held).collect()
 }

@@ -10,9 +10,9 @@ use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology, cut};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
-    ConjugateGradients, Energy, Engine, GrabId, Grip, Loads, Material, NodeTerm, Nodes, Pose,
-    Progress, Report, Simulator, SimulatorState, SolverKind, SpringNetwork, TopologyChange, advice,
-    largest_stable_step, with_terms,
+    Acting, ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, LevelId, Loads, Material,
+    NodeTerm, Nodes, Pose, Progress, Report, Simulator, SimulatorState, SolverKind, SpringNetwork,
+    TopologyChange, advice, largest_stable_step, with_terms,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -33,6 +33,8 @@ pub struct CpuTets<T: Real = f32> {
     /// The loads that the worker has.
     sent: Option<LoadVersions>,
     terms: Vec<Arc<dyn NodeTerm>>,
+    /// Pressures and muscles, in the order of their levels.
+    acting: Vec<Acting>,
     worker: Worker<CpuBody<T>>,
     nodes: Nodes,
     /// The positions that were uploaded.
@@ -105,6 +107,7 @@ impl<T: Real> CpuTets<T> {
             kind,
             sent: None,
             terms: Vec::new(),
+            acting: Vec::new(),
             worker: Worker::new(body),
             nodes,
             shown: 0,
@@ -185,8 +188,26 @@ impl<T: Real> CpuTets<T> {
             let term = NodeTerms::new(term.clone(), &self.network, body.sharing());
             body.add_term(Box::new(term));
         }
+        for (level, acting) in self.acting.iter().enumerate() {
+            self.act(&mut body, acting, level);
+        }
+        body.set_levels(self.loads.levels());
         body.set_pinned(self.loads.pinned())?;
         Ok(body)
+    }
+
+    /// Has `acting` act on `body`, made of this mesh and network.
+    fn act(&self, body: &mut CpuBody<T>, acting: &Acting, level: usize) {
+        match acting {
+            Acting::Pressure(faces) => {
+                let (mesh, topology) = (&self.mesh, &self.topology);
+                let faces = faces.iter().map(|f| topology.boundary_nodes(mesh, *f));
+                body.add_pressure(&faces.collect::<Vec<_>>(), level);
+            }
+            Acting::Muscle(muscle) => {
+                body.add_muscle(muscle, level, (&self.network, &self.mesh.tets));
+            }
+        }
     }
 
     /// Makes the body anew of what the network is now, in the state that it is in.
@@ -256,6 +277,37 @@ impl<T: Real> Simulator for CpuTets<T> {
         Ok(())
     }
 
+    fn add_acting(&mut self, acting: Acting) -> Result<LevelId> {
+        acting.check(&self.mesh, &self.network)?;
+        let level = self.acting.len();
+        self.act(&mut self.worker.body(), &acting, level);
+        self.acting.push(acting);
+        self.changes += 1;
+        Ok(self.loads.add_level())
+    }
+
+    fn set_level(&mut self, id: LevelId, level: f64) -> Result<()> {
+        let acting = self.acting.get(id.0).ok_or_else(|| {
+            Error::Input(format!("nothing acts on this body at the level {}", id.0))
+        })?;
+        acting.check_level(level)?;
+        self.loads.set_level(id, level);
+        Ok(())
+    }
+
+    fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {
+        let mut bones = self.network.elements.rigid.iter();
+        if bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {
+            return Err(Error::Input(
+                "nodes of a rigid region cannot be led along; move soft ones, or hold the region by a grab and move that".into(),
+            ));
+        }
+        let positions = self.positions()?;
+        let place = |v: &u32| positions.get(*v as usize).copied();
+        let places: Option<Vec<DVec3>> = nodes.iter().map(place).collect();
+        self.loads.lead(nodes, &places.unwrap_or_default())
+    }
+
     fn largest_stable_step(&self) -> Option<f64> {
         let limit = largest_stable_step(&self.network, self.loads.pinned(), self.kind)?;
         Some(with_terms(limit, &self.network, &self.terms))
@@ -312,6 +364,17 @@ impl<T: Real> Simulator for CpuTets<T> {
         Ok(metres.iter().map(|x| self.network.to_file(*x)).collect())
     }
 
+    fn forces(&mut self) -> Result<Vec<DVec3>> {
+        if !self.network.elements.rigid.is_empty() {
+            return Err(Error::Input(
+                "the forces on single nodes of rigid regions are not known, and so no reactions; make these regions stiff instead, or leave the reactions out".into(),
+            ));
+        }
+        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
+        self.finish()?;
+        Ok(self.worker.body().forces())
+    }
+
     fn velocities(&self) -> Result<Vec<DVec3>> {
         let unit = self.network.length_unit;
         let metres = self.worker.body().velocities();
@@ -362,6 +425,7 @@ impl<T: Real> Simulator for CpuTets<T> {
             return Ok(TopologyChange::default());
         }
         self.network.follow(&self.mesh, &self.material, &done)?;
+        self.acting.iter_mut().for_each(|a| a.follow(&done));
         for [_, old] in &done.doubled {
             positions.push(positions[*old as usize]);
             velocities.push(velocities[*old as usize]);
@@ -430,6 +494,7 @@ impl<T: Real> Simulator for CpuTets<T> {
             body.set_pinned(self.loads.pinned())?;
             body.set_gravity(self.loads.gravity());
             body.set_forces(self.loads.forces())?;
+            body.set_levels(self.loads.levels());
             body.set_attachments(&attachments(&self.loads))?;
             body.resume(&kept)?;
         }

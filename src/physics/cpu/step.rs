@@ -71,7 +71,8 @@ impl<T: Real> CpuBody<T> {
         let v = if verlet { &self.now.seen } else { &self.now.v };
         let at = At { u: &self.now.u, v };
         let sums = sources.forces(at, &mut self.now.f);
-        if restart {
+        // What nodes that are led do to the body is no work of loads.
+        if restart || self.leads() {
             self.guard.restart(sums)?;
         }
         self.start = Start::Ready;

@@ -58,6 +58,9 @@ pub trait Term<T: Real>: Send + Sync {
         0.0
     }
 
+    /// Takes the level that the term acts at, if it has one, from among all.
+    fn set_levels(&mut self, _: &[f64]) {}
+
     /// Says whether the stiffness is to be linearised without what is not positive semidefinite;
     /// terms that never have any of that ignore it.
     fn project(&mut self, _: bool) {}

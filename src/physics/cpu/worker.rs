@@ -38,6 +38,7 @@ pub(super) struct LoadChange {
     pub pinned: Option<Vec<bool>>,
     pub forces: Option<Vec<DVec3>>,
     pub attachments: Option<Vec<Attachment>>,
+    pub levels: Option<Vec<f64>>,
 }
 
 /// What a worker steps.
@@ -77,6 +78,9 @@ impl<T: Real> Stepped for CpuBody<T> {
 
     fn take_over(&mut self, change: LoadChange) -> Result<()> {
         self.set_gravity(change.gravity);
+        if let Some(levels) = change.levels {
+            self.set_levels(&levels);
+        }
         if let Some(pinned) = change.pinned {
             self.set_pinned(&pinned)?;
         }

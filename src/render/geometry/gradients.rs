@@ -108,6 +108,13 @@ impl Geometry {
         self.gradients.as_ref().map(|g| &g.array)
     }
 
+    /// Has them made anew for the next picture that is lit.
+    pub(super) fn forget_gradients(&mut self) {
+        if let Some(gradients) = &mut self.gradients {
+            gradients.made_of = None;
+        }
+    }
+
     /// Records the gradients of the nodes where they are now, if they have moved since the last.
     pub(in crate::render) fn record_gradients(&mut self, work: &mut Recorder) {
         let version = Some(self.positions.version());

@@ -11,6 +11,7 @@ use crate::{Error, Result};
 mod follow;
 mod gradients;
 mod placed;
+mod scalars;
 
 use gradients::Gradients;
 use placed::Placed;
@@ -358,7 +359,7 @@ fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffe
         .over(tets.len())
 }
 
-/// A scalar as a share of the range.
+/// A scalar as a share of the range, whose ends stand for what is beyond them.
 fn share(scalar: f64, range: (f64, f64)) -> f32 {
-    ((scalar - range.0) / (range.1 - range.0)) as f32
+    ((scalar - range.0) / (range.1 - range.0)).clamp(0.0, 1.0) as f32
 }

@@ -51,6 +51,8 @@ pub struct FloorEntry {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GrabEntry {
+    /// What it is called in files of reactions: `grab1` and so on where nothing is said.
+    pub name: Option<String>,
     /// The middle of what is grabbed.
     pub at: [f64; 3],
     /// Nodes nearer than this are grabbed.

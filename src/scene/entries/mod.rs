@@ -1,9 +1,13 @@
 //! The entries of a scene file, as serde reads them.
 
+mod acting;
 mod body;
 mod load;
+mod output;
 mod picture;
 
+pub use acting::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry};
 pub use body::{All, BodyEntry, GridEntry, LabelsEntry, Lengths, MeshSource, Unit};
 pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
+pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry};

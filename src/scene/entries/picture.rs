@@ -48,7 +48,14 @@ impl CameraEntry {
 pub struct PictureEntry {
     /// The field that is seen. Where nothing is said: the regions, a colour each, unless there is
     /// a `transfer`; or the first scalar at the nodes, or the depth below the surface.
+    ///
+    /// Of a body that moves also `displacement`, `von_mises`, `stress_1` to `stress_3`, `strain`,
+    /// `J` or `energy_density`, computed where it is: see
+    /// [`BodyField`](crate::physics::BodyField).
     pub field: Option<String>,
+    /// Smallest and largest value of the field, which stand for what is beyond them; those that it
+    /// has where nothing is said, and of one that is computed, those that it has had so far.
+    pub range: Option<[f64; 2]>,
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
     #[serde(default, deserialize_with = "words::transfer")]
     pub transfer: Option<String>,

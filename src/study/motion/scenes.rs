@@ -218,6 +218,9 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     if !(scene.grab.is_empty() && scene.cut.is_empty()) {
         return Err(refused("grabs or cuts"));
     }
+    if let Some(entry) = scene.of_cpu() {
+        return Err(refused(entry));
+    }
     let mesh = scene.mesh_of_one()?;
     let kind = scene.solver.name.as_deref().unwrap_or("implicit").parse()?;
     let (motion, _) = Motion::new(gpu, &scene, kind, mesh, None)?;

@@ -177,6 +177,66 @@ fn a_run_killed_at_five_moments_ends_as_an_unbroken_one() {
     assert!(count(FRAMES) > count(0));
 }
 
+/// A bar of elements with all that only the processor's engine knows of.
+const LOADED: &str = r#"
+[mesh]
+generate = "bar"
+tets = 80
+[material]
+model = "neo-hookean"
+[camera]
+eye = [0.06, -0.5, 0.2]
+look_at = [0.06, 0.03, 0.0]
+up = [0, 0, 1]
+[solver]
+name = "bdf2"
+dt = 0.004
+steps = 3
+[[pin]]
+axis = "x"
+below = 0.1
+[[move]]
+name = "hand"
+on = { axis = "x", above = 0.95 }
+path = [[0.0, 0, 0, 0], [0.03, 0, 0, 0.01], [0.05, 0, 0.01, 0.01]]
+[[pressure]]
+facing = [0, 0, 1]
+pascal = [[0.0, 0], [0.04, 900.0]]
+[[muscle]]
+tension = 1e4
+activation = [[0.0, 0], [0.05, 1.0]]
+[picture]
+field = "von_mises"
+size = [48, 36]
+[output]
+fields = ["von_mises", "J"]
+reactions = "reactions.csv"
+"#;
+
+#[test]
+fn a_loaded_run_goes_on_with_its_fields_and_reactions() {
+    let here = folder("resume_loaded");
+    let scene = scene(&here, "scene", LOADED);
+    let (whole, broken) = (here.join("whole"), here.join("broken"));
+    stdout(&simulate(&scene, &whole, 5, &[]));
+    stdout(&simulate(&scene, &broken, 2, &[]));
+    stdout(&simulate(&scene, &broken, 5, &["--resume"]));
+    assert_same(&broken, &whole, "loaded");
+    let table = |folder: &Path| std::fs::read_to_string(folder.join("reactions.csv")).unwrap();
+    let all = table(&whole);
+    assert_eq!(all, table(&broken));
+    // A line for the pin and one for the hand, for six frames.
+    assert_eq!(all.lines().count(), 1 + 2 * 6, "{all}");
+    assert!(all.lines().skip(1).all(|line| line.split(',').count() == 8));
+    let last = palpate::io::read(whole.join("scene_00005.vtu")).unwrap();
+    let fields = ["von_mises", "J"].map(|name| last.field(name, palpate::mesh::Location::Cell));
+    assert!(fields.iter().all(Option::is_some));
+    // A table that is gone cannot be gone on with.
+    std::fs::remove_file(broken.join("reactions.csv")).unwrap();
+    let said = failure(&simulate(&scene, &broken, 6, &["--resume"]));
+    assert!(said.contains("reactions.csv"), "{said}");
+}
+
 /// A run of 4 frames that goes on to 9 is one of 9.
 fn goes_on(name: &str, content: &str) {
     let here = folder(&format!("resume_{name}"));

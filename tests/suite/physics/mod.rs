@@ -18,5 +18,6 @@ mod integrators;
 mod invariance;
 mod rigid;
 mod simulators;
+mod statics;
 mod steps;
 mod together;

@@ -1,0 +1,291 @@
+//! Fields of a body that follow from where its nodes are: strain and stress of each tet, in
+//! float64, computed when somebody asks.
+//!
+//! With F the deformation gradient of a tet, J = det F and P = ∂Ψ/∂F of its law:
+//!
+//! - σ = P Fᵀ/J, the Cauchy stress (Bonet & Wood 2008, "Nonlinear Continuum Mechanics for Finite
+//!   Element Analysis", equation 5.45); stresses are those of the material alone, without what
+//!   muscles and damping add;
+//! - `stress_1` ≥ `stress_2` ≥ `stress_3`, its eigenvalues, tension positive;
+//! - `von_mises` = √(3/2 s:s), s = σ − ⅓ tr σ I;
+//! - `strain`, the largest eigenvalue of the Green–Lagrange strain ½(FᵀF − I);
+//! - `energy_density` = Ψ, of the volume at rest.
+
+use super::elements::eigen;
+use super::{Element, Law, Simulator, SpringNetwork};
+use crate::mesh::TetMesh;
+use crate::{Error, Result};
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use std::fmt;
+use std::str::FromStr;
+
+/// |J| of a tet counts as at least this where its stress is computed, which it would have none
+/// without: flat tets have no volume to have stress in.
+const FLATTEST: f64 = 1e-3;
+
+/// Strains below this are rounding, on engines that keep positions in float32.
+const ROUNDING: f64 = 1e-5;
+
+/// A scalar that follows from where a body's nodes are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BodyField {
+    /// How far each node is from where it rested, in file units.
+    Displacement,
+    /// Von Mises' stress, Pa.
+    VonMises,
+    /// The largest principal Cauchy stress, Pa.
+    Stress1,
+    /// The middle one, Pa.
+    Stress2,
+    /// The smallest, Pa.
+    Stress3,
+    /// The largest principal Green–Lagrange strain.
+    Strain,
+    /// J, volume over volume at rest.
+    J,
+    /// Elastic energy over volume at rest, J/m³.
+    EnergyDensity,
+}
+
+impl BodyField {
+    /// All of them.
+    pub const ALL: [BodyField; 8] = [
+        BodyField::Displacement,
+        BodyField::VonMises,
+        BodyField::Stress1,
+        BodyField::Stress2,
+        BodyField::Stress3,
+        BodyField::Strain,
+        BodyField::J,
+        BodyField::EnergyDensity,
+    ];
+
+    /// The name, as in scenes and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            BodyField::Displacement => "displacement",
+            BodyField::VonMises => "von_mises",
+            BodyField::Stress1 => "stress_1",
+            BodyField::Stress2 => "stress_2",
+            BodyField::Stress3 => "stress_3",
+            BodyField::Strain => "strain",
+            BodyField::J => "J",
+            BodyField::EnergyDensity => "energy_density",
+        }
+    }
+
+    /// The unit of its values; none of those that are ratios.
+    pub fn unit(self) -> &'static str {
+        match self {
+            BodyField::Displacement => "in the mesh's unit",
+            BodyField::Strain | BodyField::J => "",
+            BodyField::EnergyDensity => "J/m³",
+            _ => "Pa",
+        }
+    }
+
+    /// Whether it follows from positions alone, whatever the body is made of.
+    fn of_shape(self) -> bool {
+        matches!(
+            self,
+            BodyField::Displacement | BodyField::Strain | BodyField::J
+        )
+    }
+
+    /// Refuses bodies that have no such field.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for stress or energy of springs, of a grid, or of a mesh in a cage.
+    pub fn check(self, body: &dyn Simulator) -> Result<()> {
+        if self.of_shape() {
+            return Ok(());
+        }
+        if let Some(bodies) = body.bodies() {
+            let mut each = bodies.members().iter();
+            return each.try_for_each(|m| m.told(self.check(m.simulator.as_ref())));
+        }
+        if body.carrier().is_some() {
+            return Err(Error::Input(format!(
+                "{self} is not known of a mesh that a cage carries: it is the cage that is simulated; leave [cage] out, or show displacement, strain or J"
+            )));
+        }
+        match body.network() {
+            Some(network) if !network.elements.is_empty() => Ok(()),
+            Some(_) => Err(Error::Input(format!(
+                "{self} is not known of a body of springs, which have no stress; choose --material neo-hookean (or corotated), or show displacement, strain or J"
+            ))),
+            None => Err(Error::Input(format!(
+                "{self} is not known of a grid body, which is made of springs; simulate tets with --material neo-hookean, or show displacement, strain or J"
+            ))),
+        }
+    }
+
+    /// One value a tet of the body's mesh, read back; of displacements their mean's length.
+    ///
+    /// # Errors
+    /// As [`BodyField::check`], and what reading back gives.
+    pub fn in_tets(self, body: &dyn Simulator) -> Result<Vec<f64>> {
+        self.check(body)?;
+        let Some(bodies) = body.bodies() else {
+            return self.in_own_tets(body);
+        };
+        let each = bodies.members().iter();
+        let each = each.map(|m| m.told(self.in_tets(m.simulator.as_ref())));
+        Ok(each.collect::<Result<Vec<_>>>()?.concat())
+    }
+
+    /// One value a node: means of those of the tets around it by volume at rest, but for
+    /// displacements, which are the nodes' own.
+    ///
+    /// # Errors
+    /// As [`BodyField::in_tets`].
+    pub fn at_nodes(self, body: &dyn Simulator) -> Result<Vec<f64>> {
+        if self == BodyField::Displacement {
+            let positions = body.positions()?.into_iter().zip(&body.mesh().nodes);
+            return Ok(positions.map(|(x, rest)| x.distance(*rest)).collect());
+        }
+        Ok(body.mesh().means_around_nodes(&self.in_tets(body)?))
+    }
+
+    /// A difference of values that may be rounding.
+    pub fn rounding(self, body: &dyn Simulator) -> f64 {
+        let stiffest = |network: &SpringNetwork| {
+            let lame = network.elements.tets.iter().map(|e| e.lame[0]);
+            lame.fold(0.0, f64::max)
+        };
+        let stiffness = match body.bodies() {
+            Some(bodies) => bodies
+                .members()
+                .iter()
+                .filter_map(|m| m.simulator.network().map(stiffest))
+                .fold(0.0, f64::max),
+            None => body.network().map_or(0.0, stiffest),
+        };
+        ROUNDING
+            * match self {
+                BodyField::Strain | BodyField::J => 1.0,
+                BodyField::Displacement => {
+                    let (low, high) = body.mesh().bounds();
+                    (high - low).max_element()
+                }
+                BodyField::EnergyDensity => stiffness * ROUNDING,
+                _ => stiffness,
+            }
+    }
+
+    fn in_own_tets(self, body: &dyn Simulator) -> Result<Vec<f64>> {
+        let (mesh, positions) = (body.mesh(), body.positions()?);
+        let now = |t: usize| mesh.tets[t].map(|v| positions[v as usize]);
+        if self == BodyField::Displacement {
+            let of_tet = |t: usize| {
+                let moved = now(t).iter().sum::<DVec3>() - mesh.tet_nodes(t).iter().sum::<DVec3>();
+                0.25 * moved.length()
+            };
+            return Ok((0..mesh.tets.len()).into_par_iter().map(of_tet).collect());
+        }
+        if self.of_shape() {
+            let of_tet = |t: usize| self.of_deformation(&deformation(&mesh.tet_nodes(t), &now(t)));
+            return Ok((0..mesh.tets.len()).into_par_iter().map(of_tet).collect());
+        }
+        let Some(network) = body.network() else {
+            return self.check(body).map(|()| Vec::new());
+        };
+        let metres: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
+        let elements = &network.elements;
+        // What tets share with those around is known of all of them only.
+        let shared = match self {
+            BodyField::EnergyDensity => elements.shared_densities(&metres),
+            _ => elements.shared_pressures(&metres),
+        };
+        let of_element = |t: Option<usize>| {
+            t.map_or(0.0, |t| {
+                let e = elements.own(&elements.tets[t]);
+                let corners = e.nodes.map(|v| metres[v as usize]);
+                self.of_element(&e, (elements.law, shared[t]), &corners)
+            })
+        };
+        let numbers = elements_of_tets(mesh, &elements.tets);
+        Ok(numbers.into_par_iter().map(of_element).collect())
+    }
+
+    /// Of what follows from F alone.
+    fn of_deformation(self, f: &DMat3) -> f64 {
+        match self {
+            _ if !f.is_finite() => f64::from(u8::from(self == BodyField::J)),
+            BodyField::J => f.determinant(),
+            _ => principal(&((f.transpose() * *f - DMat3::IDENTITY) * 0.5))[0],
+        }
+    }
+
+    /// Of an element by itself with its nodes at `corners`, m; `shared` is what it has from those
+    /// around it: a pressure (Pa, positive where it pulls), or of energies one (J/m³).
+    pub fn of_element(
+        self,
+        element: &Element,
+        (law, shared): (Law, f64),
+        corners: &[DVec3; 4],
+    ) -> f64 {
+        let f = element.deformation(corners);
+        if self.of_shape() {
+            return self.of_deformation(&f);
+        }
+        if self == BodyField::EnergyDensity {
+            return element.energy(law, corners) / element.volume + shared;
+        }
+        let j = f.determinant();
+        let j = j.abs().max(FLATTEST).copysign(j);
+        let [a, b, c] = principal(&(element.stress(law, &f, shared) * f.transpose() * (1.0 / j)));
+        match self {
+            BodyField::Stress1 => a,
+            BodyField::Stress2 => b,
+            BodyField::Stress3 => c,
+            _ => (0.5 * ((a - b).powi(2) + (b - c).powi(2) + (c - a).powi(2))).sqrt(),
+        }
+    }
+}
+
+impl fmt::Display for BodyField {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for BodyField {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<BodyField> {
+        let known = BodyField::ALL.into_iter().find(|f| f.name() == name);
+        known.ok_or_else(|| {
+            let names = BodyField::ALL.map(BodyField::name);
+            Error::Input(format!(
+                "no field \"{name}\" is computed of a body; {} are",
+                names.join(", ")
+            ))
+        })
+    }
+}
+
+/// F of a tet.
+fn deformation(rest: &[DVec3; 4], now: &[DVec3; 4]) -> DMat3 {
+    let edges = |p: &[DVec3; 4]| DMat3::from_cols(p[1] - p[0], p[2] - p[0], p[3] - p[0]);
+    edges(now) * edges(rest).inverse()
+}
+
+/// Eigenvalues of a symmetric matrix, the largest first.
+fn principal(m: &DMat3) -> [f64; 3] {
+    let columns = m.to_cols_array_2d();
+    let symmetric =
+        std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (columns[i][j] + columns[j][i])));
+    let mut values = eigen(symmetric).0;
+    values.sort_by(|a, b| b.total_cmp(a));
+    values
+}
+
+/// The number of the element that each tet of the mesh is; those without volume, and rigid ones,
+/// are none.
+fn elements_of_tets(mesh: &TetMesh, elements: &[Element]) -> Vec<Option<usize>> {
+    let mut left = elements.iter().enumerate().peekable();
+    let of_tet = |tet: &[u32; 4]| left.next_if(|(_, e)| e.nodes == *tet).map(|(t, _)| t);
+    mesh.tets.iter().map(of_tet).collect()
+}

@@ -1,0 +1,119 @@
+//! What a body exerts on that which holds it.
+
+use super::{GrabId, Grip, Simulator};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// What holds one node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// The node, of the body's mesh.
+    pub node: u32,
+    /// Where it is held, or pulled to, in file units.
+    pub place: DVec3,
+    /// How; of springs the node's share of their stiffness and limit.
+    pub grip: Grip,
+}
+
+/// A force and its moment about the origin of the file's coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reaction {
+    /// N.
+    pub force: DVec3,
+    /// N·m.
+    pub moment: DVec3,
+}
+
+impl Reaction {
+    /// Of forces (N) at points (m from the origin of the file's coordinates).
+    pub fn of(forces: impl IntoIterator<Item = (DVec3, DVec3)>) -> Reaction {
+        let mut sum = Reaction::default();
+        for (force, at) in forces {
+            sum.force += force;
+            sum.moment += at.cross(force);
+        }
+        sum
+    }
+}
+
+/// A body where it stands, with the forces on its nodes: what reactions are taken from.
+#[derive(Clone, Debug)]
+pub struct Forces {
+    /// Of every node, m from the origin of the file's coordinates.
+    places: Vec<DVec3>,
+    /// N.
+    forces: Vec<DVec3>,
+    /// kg.
+    masses: Vec<f64>,
+    /// Metres in a file unit.
+    unit: f64,
+}
+
+impl Forces {
+    /// Of `body`, read back; see [`Simulator::forces`].
+    ///
+    /// # Errors
+    /// As [`Simulator::forces`].
+    pub fn of(body: &mut dyn Simulator) -> Result<Forces> {
+        let unit = body.loads().frame_and_unit().1;
+        let forces = body.forces()?;
+        let places: Vec<DVec3> = body.positions()?.iter().map(|p| *p * unit).collect();
+        if forces.len() != places.len() {
+            return Err(Error::Input(format!(
+                "forces on {} nodes are known of a mesh of {}",
+                forces.len(),
+                places.len()
+            )));
+        }
+        Ok(Forces {
+            places,
+            forces,
+            masses: body.masses().to_vec(),
+            unit,
+        })
+    }
+
+    /// What the body exerts on that which holds `nodes` still.
+    pub fn on_nodes(&self, nodes: &[u32]) -> Reaction {
+        let at = nodes.iter().map(|v| *v as usize);
+        Reaction::of(at.map(|v| (self.forces[v], self.places[v])))
+    }
+
+    /// What the body exerts on that which moves nodes with these accelerations, m/s²: their forces
+    /// less m a.
+    pub fn on_moved(&self, nodes: impl IntoIterator<Item = (u32, DVec3)>) -> Reaction {
+        Reaction::of(nodes.into_iter().map(|(v, acceleration)| {
+            let v = v as usize;
+            (
+                self.forces[v] - self.masses[v] * acceleration,
+                self.places[v],
+            )
+        }))
+    }
+
+    /// What the body exerts on the grab `id` of `body`, whose target is accelerated by
+    /// `acceleration`, m/s²: of nodes that follow exactly their forces less m a; of springs the
+    /// force of the springs.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a grab that is not there.
+    pub fn on_grab(
+        &self,
+        body: &dyn Simulator,
+        id: GrabId,
+        acceleration: DVec3,
+    ) -> Result<Reaction> {
+        let held = body.held_by(id)?;
+        Ok(Reaction::of(held.into_iter().map(|held| {
+            let v = held.node as usize;
+            let force = match held.grip {
+                Grip::Follow => self.forces[v] - self.masses[v] * acceleration,
+                Grip::Spring { stiffness, limit } => {
+                    let pull = stiffness * (self.places[v] - held.place * self.unit);
+                    pull.clamp_length_max(limit)
+                }
+            };
+            (force, self.places[v])
+        })))
+    }
+}

@@ -1,0 +1,54 @@
+//! Other scalars in place of those that a geometry was made with: of a body that moves.
+
+use super::{Geometry, Scalars, check_input, share};
+use crate::mesh::TetMesh;
+use crate::{Error, Result};
+
+impl Geometry {
+    /// Shows `scalars` from the next picture on, at the nodes or in the tets as those before were,
+    /// in a `range` whose ends stand for all that is beyond them. `mesh` is the one it was made of.
+    /// Who draws it takes the range over: [`Raycaster::refresh_range`].
+    ///
+    /// # Errors
+    /// [`Error::Input`] for scalars that do not fit, or a range that is none.
+    ///
+    /// [`Raycaster::refresh_range`]: crate::render::Raycaster::refresh_range
+    pub fn set_scalars<'a>(
+        &mut self,
+        mesh: &TetMesh,
+        scalars: impl Into<Scalars<'a>>,
+        range: (f64, f64),
+    ) -> Result<()> {
+        let scalars = scalars.into();
+        check_input(mesh, &self.positions, scalars)?;
+        let (low, high) = range;
+        if !(low < high && (high - low).is_finite()) {
+            return Err(Error::Input(format!(
+                "a range of scalars from {low} to {high} makes no sense; give a smaller and a larger number"
+            )));
+        }
+        if matches!(scalars, Scalars::Cells(_)) != self.per_cell {
+            return Err(Error::Input(
+                "a geometry made with scalars at the nodes, or in the tets, shows others there"
+                    .into(),
+            ));
+        }
+        self.range = range;
+        match scalars {
+            Scalars::Nodes(values) => {
+                let shares: Vec<f32> = values.iter().map(|s| share(*s, range)).collect();
+                self.gpu.write_items(&self.scalars, 0, &shares)?;
+            }
+            Scalars::Cells(values) => {
+                let mut shares = vec![0.0; values.len()];
+                for (place, value) in self.place.iter().zip(values) {
+                    shares[*place as usize] = share(*value, range);
+                }
+                self.gpu.write_items(&self.cells, 0, &shares)?;
+            }
+        }
+        self.refreshed = None;
+        self.forget_gradients();
+        Ok(())
+    }
+}

@@ -1,0 +1,322 @@
+//! Pressures, moves and muscles of a scene, as time goes on.
+
+use super::path::{acceleration, along, check, read_path, value_at};
+use super::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene};
+use crate::mesh::{Location, TetMesh};
+use crate::physics::{Acting, LedId, LevelId, Muscle, Simulator, SolverKind};
+use crate::{Error, Result};
+use glam::{DQuat, DVec3};
+
+/// The cosine between a face's normal and the direction that it faces, at least.
+const FACING: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
+/// What of a scene acts on its body as time goes on.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Actors {
+    pub movers: Vec<Mover>,
+    levels: Vec<(LevelId, Course)>,
+}
+
+/// Nodes that move along a path.
+#[derive(Clone, Debug)]
+pub(super) struct Mover {
+    /// In files of reactions.
+    pub name: String,
+    pub nodes: Vec<u32>,
+    id: LedId,
+    rest: Vec<DVec3>,
+    path: Vec<[f64; 4]>,
+    turn: Vec<[f64; 2]>,
+    axis: DVec3,
+    about: DVec3,
+}
+
+impl Actors {
+    /// Puts what `scene` has of them on its body.
+    pub fn new(scene: &Scene, body: &mut dyn Simulator) -> Result<Actors> {
+        let mut actors = Actors::default();
+        for (i, entry) in scene.moves.iter().enumerate() {
+            actors.movers.push(entry.mover(i, body)?);
+        }
+        for entry in &scene.pressure {
+            let acting = entry.acting(body)?;
+            entry.pascal.check("pressure")?;
+            actors
+                .levels
+                .push((body.add_acting(acting)?, entry.pascal.clone()));
+        }
+        for entry in &scene.muscle {
+            let acting = entry.acting(body.mesh())?;
+            entry.activation.check("activation")?;
+            let id = body.add_acting(acting)?;
+            actors.levels.push((id, entry.activation.clone()));
+        }
+        // All of its levels, so that one that makes no sense is known before the first step.
+        for (id, course) in &actors.levels {
+            let keys: Vec<f64> = match course {
+                Course::Steady(value) => vec![*value],
+                Course::Keys(keys) => keys.iter().map(|key| key[1]).collect(),
+            };
+            keys.iter()
+                .try_for_each(|value| body.set_level(*id, *value))?;
+        }
+        actors.act(body, 0.0, 0.0)?;
+        Ok(actors)
+    }
+
+    /// Whether anything changes as time goes on.
+    pub fn change(&self) -> bool {
+        let keyed = |(_, course): &(LevelId, Course)| matches!(course, Course::Keys(_));
+        !self.movers.is_empty() || self.levels.iter().any(keyed)
+    }
+
+    /// Sets all for the step of `dt` seconds, or for none, that begins at `time`.
+    pub fn act(&self, body: &mut dyn Simulator, time: f64, dt: f64) -> Result<()> {
+        for mover in &self.movers {
+            let now = mover.places(time);
+            let velocities: Vec<DVec3> = match dt > 0.0 {
+                false => vec![DVec3::ZERO; now.len()],
+                true => {
+                    let then = mover.places(time + dt);
+                    then.iter().zip(&now).map(|(b, a)| (*b - *a) / dt).collect()
+                }
+            };
+            body.loads_mut().set_led(mover.id, &now, &velocities)?;
+        }
+        // Where in the step its forces are taken.
+        let kind = body.integrator();
+        let at = match kind {
+            SolverKind::Midpoint => time + 0.5 * dt,
+            kind if kind.is_implicit() => time + dt,
+            _ => time,
+        };
+        for (id, course) in &self.levels {
+            body.set_level(*id, course.at(at))?;
+        }
+        Ok(())
+    }
+}
+
+impl Course {
+    fn check(&self, what: &str) -> Result<()> {
+        let Course::Keys(keys) = self else {
+            return Ok(());
+        };
+        let ordered = keys.windows(2).all(|w| w[0][0] < w[1][0]);
+        match !keys.is_empty() && ordered && keys.iter().flatten().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "the course of a {what} should be a number, or a list of at least one [time, {what}], the times increasing"
+            ))),
+        }
+    }
+
+    fn at(&self, time: f64) -> f64 {
+        match self {
+            Course::Steady(value) => *value,
+            Course::Keys(keys) => value_at(keys, time),
+        }
+    }
+}
+
+impl PressureEntry {
+    fn acting(&self, body: &dyn Simulator) -> Result<Acting> {
+        let (mesh, topology) = (body.mesh(), body.topology());
+        let mut inside = vec![self.on.is_none(); mesh.nodes.len()];
+        if let Some(on) = &self.on {
+            on.nodes(mesh)?
+                .iter()
+                .for_each(|v| inside[*v as usize] = true);
+        }
+        let facing = self.facing.map(DVec3::from);
+        if let Some(way) = facing.filter(|way| !(way.is_finite() && way.length() > 0.0)) {
+            return Err(Error::Input(format!(
+                "a [[pressure]] on what is facing {way} makes no sense; give a direction"
+            )));
+        }
+        let wanted = |face: [u32; 3]| {
+            let [a, b, c] = face.map(|v| mesh.nodes[v as usize]);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            face.iter().all(|v| inside[*v as usize])
+                && facing.is_none_or(|way| normal.dot(way.normalize()) >= FACING)
+        };
+        let boundary = topology.boundary.iter().copied();
+        let faces: Vec<_> = boundary
+            .filter(|b| wanted(topology.boundary_nodes(mesh, *b)))
+            .collect();
+        if faces.is_empty() {
+            let facing = facing.map_or(String::new(), |way| format!(" that faces {way}"));
+            return Err(Error::Input(format!(
+                "a [[pressure]] acts on no face{facing}: no face of the boundary has all its nodes {}; choose more with `on` or `facing`",
+                self.on
+                    .as_ref()
+                    .map_or("there".into(), |on| format!("in {on}"))
+            )));
+        }
+        Ok(Acting::Pressure(faces))
+    }
+}
+
+impl MoveEntry {
+    fn mover(&self, number: usize, body: &mut dyn Simulator) -> Result<Mover> {
+        let nodes = self.on.nodes(body.mesh())?;
+        let path = match (&self.path, &self.file) {
+            (Some(_), Some(_)) => {
+                return Err(Error::Input(
+                    "a [[move]] has both `path` and `file`; give one of them".into(),
+                ));
+            }
+            (Some(path), None) => path.clone(),
+            (None, Some(file)) => read_path(file)?,
+            (None, None) => vec![[0.0; 4]],
+        };
+        check(&path, 1, "move")?;
+        let turn = self.turn.clone().unwrap_or_default();
+        Course::Keys(turn.clone())
+            .check("turn")
+            .or_else(|e| match turn.is_empty() {
+                true => Ok(()),
+                false => Err(e),
+            })?;
+        let axis = DVec3::from(self.axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
+        if axis == DVec3::ZERO || self.axis.is_some() == turn.is_empty() {
+            return Err(Error::Input(
+                "a [[move]] turns about an `axis`, a direction, by a `turn`, a list of [time, degrees]; give both or neither".into(),
+            ));
+        }
+        let mesh = &body.mesh().nodes;
+        let rest: Vec<DVec3> = nodes.iter().map(|v| mesh[*v as usize]).collect();
+        let middle = rest.iter().sum::<DVec3>() / rest.len() as f64;
+        let id = body.lead(&nodes)?;
+        let name = self.name.clone();
+        Ok(Mover {
+            name: name.unwrap_or_else(|| format!("move{}", number + 1)),
+            nodes,
+            id,
+            rest,
+            path,
+            turn,
+            axis,
+            about: self.about.map_or(middle, DVec3::from),
+        })
+    }
+}
+
+impl Mover {
+    /// Where its nodes are at `time`.
+    pub fn places(&self, time: f64) -> Vec<DVec3> {
+        self.rest
+            .iter()
+            .map(|rest| self.place(*rest, time))
+            .collect()
+    }
+
+    fn place(&self, rest: DVec3, time: f64) -> DVec3 {
+        let moved = along(&self.path, time);
+        let turned = match self.turn.is_empty() {
+            true => rest - self.about,
+            false => {
+                let angle = value_at(&self.turn, time).to_radians();
+                DQuat::from_axis_angle(self.axis, angle) * (rest - self.about)
+            }
+        };
+        self.about + turned + moved
+    }
+
+    /// Each node, and its acceleration over the step of length `dt` that ended at `time`, file
+    /// units a second².
+    pub fn accelerations(&self, time: f64, dt: f64) -> impl Iterator<Item = (u32, DVec3)> {
+        let nodes = self.nodes.iter().zip(&self.rest);
+        nodes.map(move |(v, rest)| (*v, acceleration(|t| self.place(*rest, t), time, dt)))
+    }
+
+    /// Follows a cut: doubles move as the nodes they come from.
+    pub fn follow(&mut self, doubled: &[[u32; 2]]) {
+        for [new, old] in doubled {
+            if let Some(k) = self.nodes.iter().position(|v| v == old) {
+                self.nodes.push(*new);
+                self.rest.push(self.rest[k]);
+            }
+        }
+    }
+}
+
+impl MuscleEntry {
+    fn acting(&self, mesh: &TetMesh) -> Result<Acting> {
+        let tets = self.tets(mesh)?;
+        let of_field = |name: &str| -> Result<Vec<DVec3>> {
+            let field = mesh
+                .field(name, Location::Cell)
+                .filter(|f| f.components == 3);
+            let field = field.ok_or_else(|| {
+                Error::Input(format!(
+                    "a [[muscle]] has fibre = \"{name}\", and the mesh has no field of the tets of that name with three components"
+                ))
+            })?;
+            let vector = |t: &usize| DVec3::from_slice(&field.values[3 * t..3 * t + 3]);
+            Ok(tets.iter().map(vector).collect())
+        };
+        let ways = match &self.fibre {
+            Some(FibreEntry::Along(way)) => vec![DVec3::from(*way); tets.len()],
+            Some(FibreEntry::Field(name)) => of_field(name)?,
+            None => vec![longest(mesh, &tets); tets.len()],
+        };
+        let fibres = tets.iter().zip(&ways).map(|(t, way)| {
+            let unit = way.normalize_or_zero();
+            match unit == DVec3::ZERO {
+                true => Err(Error::Input(format!(
+                    "the fibre of tet {t} of a [[muscle]] is {way}, which is no direction"
+                ))),
+                false => Ok((*t as u32, unit)),
+            }
+        });
+        Ok(Acting::Muscle(Muscle {
+            fibres: fibres.collect::<Result<_>>()?,
+            tension: self.tension,
+        }))
+    }
+
+    /// The tets of its region.
+    fn tets(&self, mesh: &TetMesh) -> Result<Vec<usize>> {
+        let Some(region) = &self.region else {
+            return Ok((0..mesh.tets.len()).collect());
+        };
+        let label = region.label(mesh)? as f64;
+        let field = mesh.field("label", Location::Cell).or(mesh.region_field());
+        let field = field.ok_or_else(|| {
+            Error::Input(
+                "a [[muscle]] of a region needs a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
+            )
+        })?;
+        let tets: Vec<usize> = (0..mesh.tets.len())
+            .filter(|t| field.values[*t] == label)
+            .collect();
+        match tets.is_empty() {
+            false => Ok(tets),
+            true => Err(Error::Input(format!(
+                "a [[muscle]] has no tet: none of the mesh has the label {label}"
+            ))),
+        }
+    }
+}
+
+/// The way in which some tets spread the most, by volume: the first axis of the ellipsoid that
+/// their middles make.
+fn longest(mesh: &TetMesh, tets: &[usize]) -> DVec3 {
+    let middle = |t: usize| 0.25 * mesh.tet_nodes(t).iter().sum::<DVec3>();
+    let volume: f64 = tets.iter().map(|t| mesh.tet_volume(*t)).sum();
+    let sum = tets.iter().map(|t| mesh.tet_volume(*t) * middle(*t));
+    let centre = sum.sum::<DVec3>() / volume;
+    let mut spread = [[0.0; 3]; 3];
+    for t in tets {
+        let off = (middle(*t) - centre).to_array();
+        for (i, row) in spread.iter_mut().enumerate() {
+            for (j, entry) in row.iter_mut().enumerate() {
+                *entry += mesh.tet_volume(*t) * off[i] * off[j];
+            }
+        }
+    }
+    let (values, axes) = crate::physics::eigen(spread);
+    let most = (0..3).max_by(|a, b| values[*a].total_cmp(&values[*b]));
+    DVec3::from(axes[most.unwrap_or(0)])
+}

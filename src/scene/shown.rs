@@ -1,0 +1,213 @@
+//! Fields computed of a body that moves, as it is drawn and written.
+
+use super::stage::{Drive, Stage};
+use super::{Motion, ScalarField, Scene};
+use crate::mesh::{Field, Location, ScalarType};
+use crate::physics::BodyField;
+use crate::render::TransferFunction;
+use crate::{Error, Result};
+
+/// The colours of a field that is computed, where a scene has none.
+const COLOURS: &str = "viridis";
+
+/// A field that is computed for each picture.
+#[derive(Clone, Debug)]
+pub(super) struct Shown {
+    field: BodyField,
+    /// The version of the nodes that it was computed of.
+    version: Option<u64>,
+    /// Whether the scene gives its range.
+    given: bool,
+    /// What it has been so far.
+    pub(super) found: (f64, f64),
+    /// Differences below this are rounding.
+    rounding: f64,
+}
+
+impl Shown {
+    /// The field that `scene` names, if it is one that is computed of `drive`, and it where the
+    /// body is now.
+    pub fn new(scene: &Scene, drive: &Drive) -> Result<Option<(Shown, ScalarField)>> {
+        let named = scene.picture.field.as_deref();
+        let (Some(name), Drive::Simulated(motion)) = (named, drive) else {
+            return Ok(None);
+        };
+        let Ok(field) = name.parse::<BodyField>() else {
+            return Ok(None);
+        };
+        let body = motion.simulator.as_ref();
+        let values = field.at_nodes(body)?;
+        let found = range(&values);
+        let shown = Shown {
+            field,
+            version: None,
+            given: scene.picture.range.is_some(),
+            found,
+            rounding: field.rounding(body),
+        };
+        let own = [Location::Node, Location::Cell];
+        let own = own.iter().any(|at| body.mesh().field(name, *at).is_some());
+        let mut note = match scene.picture.range {
+            Some(_) => None,
+            None => Some(format!(
+                "{name} is drawn in the range that it has had so far; --range LOW,HIGH gives all pictures the same"
+            )),
+        };
+        if own {
+            let also =
+                format!("{name} is computed of the body; the mesh's own field is passed over");
+            note = Some(note.map_or(also.clone(), |n| format!("{n}; {also}")));
+        }
+        let scalars = ScalarField {
+            name: name.to_owned(),
+            values,
+            cells: None,
+            range: scene.picture.range.map_or(shown.range(), |[a, b]| (a, b)),
+            note,
+            transfer: Some(TransferFunction::preset(COLOURS)?),
+        };
+        Ok(Some((shown, scalars)))
+    }
+
+    /// What it has been so far, wider than rounding.
+    fn range(&self) -> (f64, f64) {
+        let (low, high) = self.found;
+        let least = self.rounding.max(f64::MIN_POSITIVE);
+        (
+            low,
+            if high - low > least {
+                high
+            } else {
+                low + least
+            },
+        )
+    }
+}
+
+/// Fields of `motion` by the names that a scene asks for, computed now.
+pub(super) fn asked(scene: &Scene, motion: &Motion) -> Result<Vec<Field>> {
+    let mut fields = Vec::new();
+    for (field, location) in wanted(scene)? {
+        // Vectors of all nodes, which are written in any case.
+        if field == BodyField::Displacement {
+            continue;
+        }
+        let body = motion.simulator.as_ref();
+        let values = match location {
+            Location::Node => field.at_nodes(body)?,
+            Location::Cell => field.in_tets(body)?,
+        };
+        fields.push(Field {
+            scalar_type: ScalarType::F32,
+            ..Field::scalar(field.name(), location, values)
+        });
+    }
+    Ok(fields)
+}
+
+/// Which fields a scene asks to be written.
+fn wanted(scene: &Scene) -> Result<Vec<(BodyField, Location)>> {
+    let parse = |name: &String| match name.strip_suffix("@nodes") {
+        Some(name) => Ok((name.parse()?, Location::Node)),
+        None => Ok((name.parse()?, Location::Cell)),
+    };
+    scene.output.fields.iter().map(parse).collect()
+}
+
+/// Refuses fields to be written that the body has not.
+pub(super) fn check_asked(scene: &Scene, drive: &Drive) -> Result<()> {
+    let fields = wanted(scene)?;
+    match (drive, fields.first()) {
+        (Drive::Posed(_), Some((field, _))) => Err(Error::Input(format!(
+            "{field} is written of a body that moves, and nothing does: name a solver (--solver implicit, for example)"
+        ))),
+        (Drive::Posed(_), None) => Ok(()),
+        (Drive::Simulated(motion), _) => fields
+            .iter()
+            .try_for_each(|(field, _)| field.check(motion.simulator.as_ref())),
+    }
+}
+
+impl Stage {
+    /// Computes the field that is drawn where the body is now, if it is one that is computed and
+    /// the nodes have moved. On the GPU positions are read back: those of the last work submitted.
+    pub(super) fn refresh_field(&mut self) -> Result<()> {
+        let (Some(shown), Drive::Simulated(motion)) = (&mut self.shown, &self.drive) else {
+            return Ok(());
+        };
+        let body = motion.simulator.as_ref();
+        let version = Some(body.nodes().version());
+        if shown.version == version {
+            return Ok(());
+        }
+        let values = shown.field.at_nodes(body)?;
+        shown.version = version;
+        let (low, high) = range(&values);
+        shown.found = (shown.found.0.min(low), shown.found.1.max(high));
+        self.scalars.values = values;
+        if !shown.given {
+            self.scalars.range = shown.range();
+        }
+        let geometry = self.raycaster.geometry_mut();
+        geometry.set_scalars(body.mesh(), &self.scalars.values, self.scalars.range)?;
+        self.raycaster.refresh_range()?;
+        let geometry = self.raycaster.geometry();
+        self.surface.set_scalars(geometry, &self.scalars.values)
+    }
+
+    /// Of a field that is computed for each picture: what it has been in the pictures so far, in
+    /// words.
+    pub fn field_note(&self) -> Option<String> {
+        let shown = self.shown.as_ref().filter(|s| s.version.is_some())?;
+        let (low, high) = shown.found;
+        let [low, high] = [low, high].map(|x| figures(x, shown.rounding));
+        let unit = shown.field.unit();
+        let space = if unit.is_empty() { "" } else { " " };
+        Some(format!(
+            "{} was {low} to {high}{space}{unit}; --range {low},{high} draws it in these colours again",
+            shown.field
+        ))
+    }
+}
+
+/// A number in four figures; 0 where it is but `rounding`.
+fn figures(x: f64, rounding: f64) -> String {
+    match x.abs() {
+        size if size <= rounding => "0".into(),
+        size if (1e-3..1e6).contains(&size) => {
+            let digits = (3.0 - size.log10().floor()).max(0.0) as usize;
+            format!("{x:.digits$}")
+        }
+        _ => format!("{x:.3e}"),
+    }
+}
+
+/// Smallest and largest.
+fn range(values: &[f64]) -> (f64, f64) {
+    values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(*v), b.max(*v))
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::figures;
+
+    #[test]
+    fn numbers_have_four_figures() {
+        let cases = [
+            (0.0, "0"),
+            (-3e-9, "0"),
+            (0.012_346, "0.01235"),
+            (-1234.56, "-1235"),
+            (98_765.4, "98765"),
+            (3.25e7, "3.250e7"),
+            (2e-5, "2.000e-5"),
+        ];
+        for (x, expected) in cases {
+            assert_eq!(figures(x, 1e-8), expected);
+        }
+    }
+}

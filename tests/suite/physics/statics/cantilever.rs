@@ -1,0 +1,62 @@
+//! A cantilever sheared at its end, against Timoshenko's beam.
+
+use super::{Setup, YOUNG, face_forces, nodes, order};
+use glam::DVec3;
+use palpate::mesh::generate::{Split, box_mesh};
+use palpate::physics::VolumeModel;
+
+const SIZE: DVec3 = DVec3::new(1.0, 0.2, 0.2);
+
+/// How far its end sinks on average, over what Timoshenko says, n cells high.
+fn sag(n: usize, poisson: f64, volume: VolumeModel) -> f64 {
+    let mesh = box_mesh([5 * n, n, n], SIZE, Split::Six).unwrap();
+    let load = 1e-7 * YOUNG;
+    let area = SIZE.y * SIZE.z;
+    let end = |p: DVec3| p.x > SIZE.x - 1e-9;
+    let forces = face_forces(&mesh, end, |a| -load / area * a.length() * DVec3::Z);
+    let rest = Setup {
+        pinned: nodes(&mesh, |p| p.x < 1e-9),
+        forces: forces.clone(),
+        ..Setup::new(&mesh, poisson, volume)
+    }
+    .rest();
+    let work: f64 = (0..forces.len())
+        .map(|i| forces[i].dot(rest.moved(i)))
+        .sum();
+    let inertia = SIZE.y * SIZE.z.powi(3) / 12.0;
+    let bending = load * SIZE.x.powi(3) / (3.0 * YOUNG * inertia);
+    // Cowper's share of the section that is sheared.
+    let cowper = 10.0 * (1.0 + poisson) / (12.0 + 11.0 * poisson);
+    let shear = YOUNG / (2.0 * (1.0 + poisson));
+    work / load / (bending + load * SIZE.x / (cowper * shear * area))
+}
+
+/// At ν = 0 nothing but the beam theory differs: a held end stops no contraction.
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn a_cantilever_converges_to_timoshenko() {
+    for (poisson, volume) in [
+        (0.0, VolumeModel::PerTet),
+        (0.3, VolumeModel::PerTet),
+        (0.3, VolumeModel::Averaged),
+        (0.45, VolumeModel::Averaged),
+    ] {
+        let found = [2, 4, 8].map(|n| sag(n, poisson, volume));
+        // Stiffness is what is too much, and goes down with the square of the mesh's fineness.
+        let (order, limit) = order(found.map(|sag| 1.0 / sag));
+        println!(
+            "ν = {poisson}, {volume}: {found:.4?}, order {order:.2}, stiffness {limit:.4} of a beam's"
+        );
+        assert!((order - 2.0).abs() < 0.25, "{order}");
+        // A held end that cannot contract is stiffer than a beam's.
+        let off = if poisson == 0.0 { 0.01 } else { 0.03 };
+        assert!((limit - 1.0).abs() < off, "{limit}");
+    }
+}
+
+#[test]
+fn a_coarse_cantilever_is_too_stiff_by_a_known_part() {
+    let found = sag(2, 0.0, VolumeModel::PerTet);
+    println!("{found:.3}");
+    assert!(found > 0.5 && found < 0.6, "{found}");
+}

@@ -1,0 +1,219 @@
+//! Bodies of elements at rest under loads, held against formulas and against quadratic tets of
+//! another library (benches/peers/reference_statics.py).
+
+mod cantilever;
+mod cook;
+mod cylinder;
+mod refusals;
+mod twist;
+
+use crate::support::gpu;
+use glam::{DMat3, DVec3};
+use palpate::mesh::{LocalFrame, TetMesh};
+use palpate::physics::{
+    ConjugateGradients, CpuTets, Elements, Material, MaterialModel, NodeTerm, Simulator,
+    SolverKind, SpringNetwork, Units, VolumeModel,
+};
+use std::sync::Arc;
+
+const YOUNG: f64 = 1e5;
+
+const VOLUMES: [VolumeModel; 2] = VolumeModel::ALL;
+
+/// Elements of stable Neo-Hookean material.
+fn material(poisson: f64, volume: VolumeModel) -> Material {
+    Material {
+        model: MaterialModel::NeoHookean,
+        poisson,
+        volume,
+        ..Material::young(YOUNG)
+    }
+}
+
+/// What is known of a body that came to rest.
+struct Rest {
+    /// Where its nodes are, and where they were.
+    places: Vec<DVec3>,
+    from: Vec<DVec3>,
+    elements: Elements,
+}
+
+impl Rest {
+    fn moved(&self, node: usize) -> DVec3 {
+        self.places[node] - self.from[node]
+    }
+
+    /// Elastic energy, J.
+    fn energy(&self) -> f64 {
+        self.elements.energy(&self.places)
+    }
+}
+
+/// A body and what is done to it.
+struct Setup<'a> {
+    mesh: &'a TetMesh,
+    material: Material,
+    /// λ over μ that tets keep, where it is not the default.
+    kept: Option<f64>,
+    pinned: Vec<u32>,
+    /// On the nodes, N.
+    forces: Vec<DVec3>,
+    /// Where the nodes start from, those that are pinned to stay there.
+    start: Option<Vec<DVec3>>,
+    slides: Option<Slides>,
+}
+
+impl<'a> Setup<'a> {
+    fn new(mesh: &'a TetMesh, poisson: f64, volume: VolumeModel) -> Setup<'a> {
+        Setup {
+            mesh,
+            material: material(poisson, volume),
+            kept: None,
+            pinned: Vec::new(),
+            forces: Vec::new(),
+            start: None,
+            slides: None,
+        }
+    }
+
+    /// Where it comes to rest, in float64. Steps are so long that hardly any inertia is left.
+    fn rest(self) -> Rest {
+        let mut network = SpringNetwork::new(self.mesh, &self.material).unwrap();
+        if let Some(kept) = self.kept {
+            network.elements.kept = kept;
+        }
+        let settings = ConjugateGradients {
+            tolerance: 1e-8,
+            acceptable: 1e-2,
+            max_iterations: 20_000,
+        };
+        let from = network.rest.clone();
+        let elements = network.elements.clone();
+        let frame = network.frame;
+        let (mesh, material, kind) = (self.mesh.clone(), &self.material, SolverKind::Implicit);
+        let made = CpuTets::<f64>::of_network(&gpu(), mesh, network, material, kind, settings);
+        let mut body = made.unwrap();
+        body.pin_nodes(&self.pinned).unwrap();
+        if !self.forces.is_empty() {
+            body.set_forces(&self.forces).unwrap();
+        }
+        if let Some(start) = &self.start {
+            body.set_positions(start).unwrap();
+        }
+        if let Some(slides) = self.slides {
+            body.add_term(Arc::new(slides.in_frame(frame))).unwrap();
+        }
+        body.run(3, 100.0).unwrap();
+        let places = body.positions().unwrap();
+        Rest {
+            places: places.iter().map(|p| *p - frame.origin).collect(),
+            from,
+            elements,
+        }
+    }
+}
+
+/// Holds the nodes of a slab one cell thick in the two planes of its faces: plane strain.
+#[derive(Debug, Clone, Copy)]
+struct Slides {
+    /// z of both faces.
+    faces: [f64; 2],
+    /// N/m a node.
+    stiffness: f64,
+}
+
+impl Slides {
+    /// So stiff that nodes leave the faces by some 1e-5 of what they would.
+    fn of(thickness: f64) -> Slides {
+        Slides {
+            faces: [0.0, thickness],
+            stiffness: 1e5 * YOUNG * thickness,
+        }
+    }
+
+    fn in_frame(self, frame: LocalFrame) -> Slides {
+        Slides {
+            faces: self.faces.map(|z| z - frame.origin.z),
+            ..self
+        }
+    }
+
+    fn off(&self, x: DVec3) -> f64 {
+        let [low, high] = self.faces;
+        x.z - if x.z < 0.5 * (low + high) { low } else { high }
+    }
+}
+
+impl NodeTerm for Slides {
+    fn name(&self) -> &'static str {
+        "slides"
+    }
+
+    fn numbers(&self, _: &LocalFrame, _: &Units, _: f64) -> [[f32; 4]; 2] {
+        [[0.0; 4]; 2]
+    }
+
+    fn energy(&self, _: f64, x: DVec3) -> f64 {
+        0.5 * self.stiffness * self.off(x).powi(2)
+    }
+
+    fn force(&self, _: f64, x: DVec3) -> DVec3 {
+        -self.stiffness * self.off(x) * DVec3::Z
+    }
+
+    fn block(&self, _: f64, _: DVec3) -> DMat3 {
+        DMat3::from_diagonal(self.stiffness * DVec3::Z)
+    }
+
+    fn stiffness(&self, _: f64) -> f64 {
+        self.stiffness
+    }
+}
+
+/// The nodes at places that `where_` wants.
+fn nodes(mesh: &TetMesh, where_: impl Fn(DVec3) -> bool) -> Vec<u32> {
+    let all = mesh.nodes.iter().enumerate();
+    all.filter(|(_, p)| where_(**p))
+        .map(|(i, _)| i as u32)
+        .collect()
+}
+
+/// Forces on the nodes of the faces whose three corners `on` wants: a third each of what
+/// `traction` says of the area (a vector out of the body).
+fn face_forces(
+    mesh: &TetMesh,
+    on: impl Fn(DVec3) -> bool,
+    traction: impl Fn(DVec3) -> DVec3,
+) -> Vec<DVec3> {
+    let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
+    for tet in &mesh.tets {
+        for opposite in 0..4 {
+            let face: Vec<usize> = (0..4).filter(|a| *a != opposite).collect();
+            let corners = [0, 1, 2].map(|a| mesh.nodes[tet[face[a]] as usize]);
+            if !corners.iter().all(|p| on(*p)) {
+                continue;
+            }
+            let [a, b, c] = corners;
+            let area = 0.5 * (b - a).cross(c - a);
+            let inside = mesh.nodes[tet[opposite] as usize] - a;
+            let area = if area.dot(inside) > 0.0 { -area } else { area };
+            for k in face {
+                forces[tet[k] as usize] += traction(area) / 3.0;
+            }
+        }
+    }
+    forces
+}
+
+/// The order at which values of three meshes, each twice as fine as the one before, converge, and
+/// what they converge to.
+fn order([a, b, c]: [f64; 3]) -> (f64, f64) {
+    let order = ((a - b) / (b - c)).abs().log2();
+    (order, c + (c - b) / (2.0f64.powf(order) - 1.0))
+}
+
+#[test]
+fn orders_are_found() {
+    let (found, limit) = order([1.0, 2.0, 4.0].map(|n: f64| 3.0 + 0.4 * n.powf(-1.5)));
+    assert!((found - 1.5).abs() < 1e-9 && (limit - 3.0).abs() < 1e-9);
+}

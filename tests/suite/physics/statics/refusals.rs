@@ -1,0 +1,81 @@
+//! Where volumes cannot be averaged, that is said; and where they can, cuts are followed.
+
+use super::{VOLUMES, material};
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::Error;
+use palpate::mesh::{Blade, generate};
+use palpate::physics::{
+    ConjugateGradients, CpuTets, Engine, EngineChoice, Material, MaterialModel, Simulator,
+    SolverKind, SpringNetwork, VolumeModel,
+};
+
+#[test]
+fn the_gpu_has_no_averaged_volumes_and_springs_no_volume() {
+    let mesh = generate::bar([4, 2, 2], DVec3::new(0.4, 0.2, 0.2)).unwrap();
+    let averaged = material(0.49, VolumeModel::Averaged);
+    let (gpu, kind) = (gpu(), SolverKind::Implicit);
+    let refused = EngineChoice::This(Engine::Gpu).tets(&gpu, mesh.clone(), &averaged, kind);
+    let Err(Error::Input(what)) = refused else {
+        panic!("it was taken");
+    };
+    assert!(
+        what.contains("processor") && what.contains("--engine"),
+        "{what}"
+    );
+    let auto = EngineChoice::Auto.tets(&gpu, mesh.clone(), &averaged, kind);
+    assert_eq!(auto.unwrap().engine(), Engine::Cpu);
+    let springs = Material {
+        model: MaterialModel::Springs,
+        ..averaged
+    };
+    let Err(Error::Input(what)) = SpringNetwork::new(&mesh, &springs) else {
+        panic!("it was taken");
+    };
+    assert!(what.contains("averaged"), "{what}");
+    assert!(
+        "mean"
+            .parse::<VolumeModel>()
+            .unwrap_err()
+            .to_string()
+            .contains("per-tet")
+    );
+    for volume in VOLUMES {
+        assert_eq!(volume.name().parse::<VolumeModel>().unwrap(), volume);
+    }
+}
+
+/// A body that was cut is the one that is made of the cut mesh.
+#[test]
+fn cut_bodies_average_on_both_sides() {
+    let mesh = generate::bar([6, 2, 2], DVec3::new(0.6, 0.2, 0.2)).unwrap();
+    let averaged = material(0.49, VolumeModel::Averaged);
+    let (kind, settings) = (SolverKind::Implicit, ConjugateGradients::default());
+    let mut body = CpuTets::<f64>::new(&gpu(), mesh, &averaged, kind, settings).unwrap();
+    let whole = body.network().unwrap().clone();
+    let (low, high) = body.mesh().bounds();
+    let at = low.x + 0.45 * (high.x - low.x);
+    let corner = |y: f64, z: f64| DVec3::new(at, low.y + y, low.z + z);
+    let blade = Blade::quad([
+        corner(-0.1, -0.1),
+        corner(0.1, -0.1),
+        corner(0.1, 0.3),
+        corner(-0.1, 0.3),
+    ]);
+    let change = body.cut(&blade.unwrap()).unwrap();
+    assert!(!change.mesh.doubled.is_empty());
+    let network = body.network().unwrap().clone();
+    assert_eq!(network.elements.volume, VolumeModel::Averaged);
+    let anew = SpringNetwork::new(body.mesh(), &averaged).unwrap();
+    let pull: Vec<DVec3> = network
+        .rest
+        .iter()
+        .map(|x| *x + 0.1 * DVec3::new(x.y, x.x * x.z, x.x * x.x))
+        .collect();
+    let energies = [&network, &anew, &whole].map(|n| n.elements.energy(&pull));
+    println!("{energies:?}");
+    assert!((energies[0] / energies[1] - 1.0).abs() < 1e-12);
+    // Whole, what is around a node is on both sides of the cut.
+    assert!((energies[0] / energies[2] - 1.0).abs() > 1e-6);
+    body.run(5, 0.01).unwrap();
+}

@@ -1,0 +1,58 @@
+//! A beam with one end turned by a quarter: large strains.
+
+use super::{Rest, Setup, VOLUMES, YOUNG, nodes, order};
+use glam::{DMat3, DVec3};
+use palpate::mesh::generate::{Split, box_mesh};
+use palpate::physics::VolumeModel;
+use std::f64::consts::FRAC_PI_2;
+
+const SIZE: DVec3 = DVec3::new(0.2, 0.2, 0.6);
+
+/// Poisson's ratios, and the energy over E V: `benches/peers/reference_statics.py twist`, to three
+/// digits.
+const REFERENCE: [(f64, f64); 2] = [(0.3, 7.5e-3), (0.49, 6.6e-3)];
+
+/// Energy over E V, n cells across.
+fn energy(n: usize, poisson: f64, volume: VolumeModel) -> f64 {
+    let mesh = box_mesh([n, n, 3 * n], SIZE, Split::Six).unwrap();
+    let middle = 0.5 * DVec3::new(SIZE.x, SIZE.y, 0.0);
+    let turned = mesh
+        .nodes
+        .iter()
+        .map(|p| middle + DMat3::from_rotation_z(FRAC_PI_2 * p.z / SIZE.z) * (*p - middle));
+    let rest: Rest = Setup {
+        pinned: nodes(&mesh, |p| p.z < 1e-9 || p.z > SIZE.z - 1e-9),
+        start: Some(turned.collect()),
+        ..Setup::new(&mesh, poisson, volume)
+    }
+    .rest();
+    rest.energy() / (YOUNG * SIZE.element_product())
+}
+
+#[test]
+fn a_twisted_beam_is_near_quadratic_tets() {
+    for (poisson, truth) in REFERENCE {
+        let energies = |v| [2, 4].map(|n| energy(n, poisson, v) / truth - 1.0);
+        let [per_tet, averaged] = VOLUMES.map(energies);
+        println!("ν = {poisson}: per tet {per_tet:+.3?}, averaged {averaged:+.3?} too much");
+        assert!(averaged[1] < 0.4 && averaged[1] < 0.3 * averaged[0]);
+        assert!(averaged[1] > 0.0 && averaged[1] < per_tet[1]);
+    }
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn a_twisted_beam_converges_to_quadratic_tets() {
+    for (poisson, truth) in REFERENCE {
+        for volume in VOLUMES {
+            let found = [2, 4, 8].map(|n| energy(n, poisson, volume));
+            let (order, limit) = order(found);
+            println!(
+                "ν = {poisson}, {volume}: {found:.6?}, order {order:.2}, limit {limit:.6}, reference {truth}"
+            );
+            if volume == VolumeModel::Averaged {
+                assert!((limit / truth - 1.0).abs() < 0.02, "{limit}");
+            }
+        }
+    }
+}
