@@ -445,7 +445,7 @@ impl<T: Real> CpuBody<T> {
 
     /// The force on every node where the body stands, N: of terms, with damping, and of loads.
     pub fn forces(&self) -> Vec<DVec3> {
-        let mut forces = vec![zero(); self.node_count()];
+        let mut forces = vec![zero(); self.place.len()];
         let sources = Sources {
             plan: &self.plan,
             masses: &self.masses,
@@ -457,7 +457,7 @@ impl<T: Real> CpuBody<T> {
             v: &self.now.v,
         };
         self.plan.enter(|| sources.forces(at, &mut forces));
-        let places = self.place.iter();
+        let places = self.place.iter().take(self.node_count());
         places
             .map(|k| to_metres(forces[*k as usize], self.units.force()))
             .collect()
