@@ -391,6 +391,10 @@ impl<T: Real> CpuBody<T> {
     pub fn set_levels(&mut self, levels: &[f64]) {
         self.loads.set_levels(levels);
         self.terms.iter_mut().for_each(|t| t.set_levels(levels));
+        if let Some(implicit) = &mut self.implicit {
+            implicit.levels.clear();
+            implicit.levels.extend_from_slice(levels);
+        }
         self.changed(Start::Resume);
     }
 

@@ -40,6 +40,8 @@ pub struct Implicit<T> {
     coarse: Option<Coarse<T>>,
     /// What the coarse space was built from.
     pub basis: Basis<T>,
+    /// The levels that terms act at.
+    pub levels: Vec<f64>,
 }
 
 /// The state that a coarse space was built at, and how it did since.
@@ -63,6 +65,8 @@ pub struct Basis<T> {
     pub left: u32,
     /// And where the rigid bodies were.
     pub poses: Vec<[f64; 7]>,
+    /// And the levels that terms acted at.
+    pub levels: Vec<f64>,
 }
 
 /// What a step goes by.
@@ -94,6 +98,7 @@ impl<T: Real> Implicit<T> {
                 u: vec![zero(); plan.nodes()],
                 ..Basis::default()
             },
+            levels: Vec::new(),
         }
     }
 
@@ -170,6 +175,7 @@ impl<T: Real> Implicit<T> {
             self.basis.h = h;
             self.basis.age = 0;
             self.basis.u.copy_from_slice(u);
+            self.basis.levels.clone_from(&self.levels);
             self.build(scene, terms, u);
         }
         due

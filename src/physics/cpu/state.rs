@@ -137,10 +137,15 @@ impl<T: Real> CpuBody<T> {
                 },
                 f: &self.now.f,
             };
+            // The coarse space is of the levels that it was built at.
+            let terms = &mut self.terms;
+            terms.iter_mut().for_each(|t| t.set_levels(&basis.levels));
             match &mut self.newton {
-                Some(newton) => newton.resume(implicit, &scene, &mut self.terms, basis.clone()),
-                None => implicit.resume(&scene, &mut self.terms, basis.clone()),
+                Some(newton) => newton.resume(implicit, &scene, terms, basis.clone()),
+                None => implicit.resume(&scene, terms, basis.clone()),
             }
+            let levels = &implicit.levels;
+            terms.iter_mut().for_each(|t| t.set_levels(levels));
         }
         Ok(())
     }
