@@ -451,6 +451,13 @@ impl<T: Real> Term<T> for Tets<T> {
                     visit([i, j], m);
                 }
             });
+            if let Some(volumes) = &chunk.volumes {
+                volumes.pairs(&mut |pair, m| {
+                    if pair.iter().all(|i| nodes.contains(&(*i as usize))) {
+                        visit(pair, m);
+                    }
+                });
+            }
         }
     }
 }
