@@ -5,6 +5,9 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
 use palpate::render::*;
 
+/// Of the range of scalars.
+const NEAR: f64 = 2e-3;
+
 const MODES: [Mode; 3] = [Mode::Maximum, Mode::Minimum, Mode::Mean];
 
 /// What a ray's stretches project to, and over which length.
@@ -21,9 +24,9 @@ fn projected(mode: Mode, segments: &[Segment]) -> Option<f64> {
     })
 }
 
-/// Root mean square of the differences, of 1, where both the picture and the truth are of a ray
-/// well inside; and the share of these pixels.
-fn apart(mesh: &TetMesh, mode: Mode, options: RaycastOptions, against: Mode) -> (f64, f64) {
+/// Of the rays that meet the mesh, the share of those whose pixel is off by more than `NEAR`. A ray
+/// along a rim may meet another part of it than that in float64.
+fn apart(mesh: &TetMesh, mode: Mode, options: RaycastOptions, against: Mode) -> f64 {
     let gpu = Gpu::new().unwrap();
     let (size, scalars) = ([64, 64], waves(mesh));
     let mut scene = Scene::new(
@@ -41,27 +44,19 @@ fn apart(mesh: &TetMesh, mode: Mode, options: RaycastOptions, against: Mode) -> 
     let truth = scene.truth.picture(&camera, size, |reference, ray| {
         projected(against, &reference.segments(ray))
     });
-    let (mut sum, mut count, mut met) = (0.0, 0, 0);
+    let (mut off, mut met) = (0, 0);
     for (pixel, truth) in image.values.chunks_exact(4).zip(truth) {
         let Some(truth) = truth else {
             continue;
         };
-        met += 1;
-        // A ray along the rim may miss for one of them.
-        if pixel[3] == 0.0 {
-            continue;
-        }
-        assert_eq!(pixel[3], 1.0);
         assert!(pixel[0] == pixel[1] && pixel[1] == pixel[2]);
+        assert!(pixel[3] == 0.0 || pixel[3] == 1.0);
         let grey = (truth - low) / (high - low);
-        sum += (f64::from(pixel[0]) - grey).powi(2);
-        count += 1;
+        met += 1;
+        off += usize::from(pixel[3] == 0.0 || (f64::from(pixel[0]) - grey).abs() > NEAR);
     }
     assert!(met > 300);
-    (
-        (sum / f64::from(count)).sqrt(),
-        f64::from(count) / f64::from(met),
-    )
+    off as f64 / f64::from(met)
 }
 
 #[test]
@@ -77,12 +72,9 @@ fn projections_match_float64() {
                     walk,
                     ..Default::default()
                 };
-                let (rms, seen) = apart(&mesh, mode, options, mode);
-                println!("{mode:?} {walk:?}: {rms:.1e} of {seen:.3}");
-                assert!(
-                    rms < 1e-3 && seen > 0.98,
-                    "{mode:?} {walk:?}: {rms}, {seen}"
-                );
+                let off = apart(&mesh, mode, options, mode);
+                println!("{mode:?} {walk:?}: {off:.4} of the rays");
+                assert!(off < 0.01, "{mode:?} {walk:?}: {off}");
             }
         }
     }
@@ -93,8 +85,8 @@ fn one_mode_is_none_of_the_others() {
     let mesh = generate::ball(1.0, 5).unwrap();
     for mode in MODES {
         for other in MODES.into_iter().filter(|m| *m != mode) {
-            let (rms, _) = apart(&mesh, mode, RaycastOptions::default(), other);
-            assert!(rms > 0.02, "{mode:?} is {other:?}: {rms}");
+            let off = apart(&mesh, mode, RaycastOptions::default(), other);
+            assert!(off > 0.8, "{mode:?} is {other:?}: {off}");
         }
     }
 }
