@@ -8,6 +8,8 @@ use palpate::render::*;
 /// Of the range of scalars.
 const NEAR: f64 = 2e-3;
 
+const SIZE: [u32; 2] = [64, 64];
+
 const MODES: [Mode; 3] = [Mode::Maximum, Mode::Minimum, Mode::Mean];
 
 /// What a ray's stretches project to, and over which length.
@@ -24,39 +26,51 @@ fn projected(mode: Mode, segments: &[Segment]) -> Option<f64> {
     })
 }
 
-/// Of the rays that meet the mesh, the share of those whose pixel is off by more than `NEAR`. A ray
-/// along a rim may meet another part of it than that in float64.
-fn apart(mesh: &TetMesh, mode: Mode, options: RaycastOptions, against: Mode) -> f64 {
-    let gpu = Gpu::new().unwrap();
-    let (size, scalars) = ([64, 64], waves(mesh));
-    let mut scene = Scene::new(
-        &gpu,
-        mesh,
-        &mesh.nodes,
-        &scalars,
-        &peers_transfer(),
-        options,
-    );
-    let camera = Camera::framing_for(mesh, size);
-    let image = scene.caster.image(&camera, size, mode).unwrap();
-    assert_eq!(image.channels, 4);
-    let (low, high) = scene.caster.geometry().scalar_range();
-    let truth = scene.truth.picture(&camera, size, |reference, ray| {
-        projected(against, &reference.segments(ray))
-    });
-    let (mut off, mut met) = (0, 0);
-    for (pixel, truth) in image.values.chunks_exact(4).zip(truth) {
-        let Some(truth) = truth else {
-            continue;
+/// A mesh whose scalars are waves, and a view of it.
+struct Projected {
+    scene: Scene,
+    camera: Camera,
+}
+
+impl Projected {
+    fn new(mesh: &TetMesh, walk: Walk) -> Projected {
+        let gpu = Gpu::new().unwrap();
+        let options = RaycastOptions {
+            walk,
+            ..Default::default()
         };
-        assert!(pixel[0] == pixel[1] && pixel[1] == pixel[2]);
-        assert!(pixel[3] == 0.0 || pixel[3] == 1.0);
-        let grey = (truth - low) / (high - low);
-        met += 1;
-        off += usize::from(pixel[3] == 0.0 || (f64::from(pixel[0]) - grey).abs() > NEAR);
+        let (nodes, scalars) = (&mesh.nodes, waves(mesh));
+        Projected {
+            scene: Scene::new(&gpu, mesh, nodes, &scalars, &peers_transfer(), options),
+            camera: Camera::framing_for(mesh, SIZE),
+        }
     }
-    assert!(met > 300);
-    off as f64 / f64::from(met)
+
+    /// Of the rays that meet the mesh, the share of those whose pixel in the picture of `mode` is
+    /// off by more than `NEAR` from what they project to by `against`. A ray along a rim may meet
+    /// another part of it than that in float64.
+    fn apart(&mut self, mode: Mode, against: Mode) -> f64 {
+        let Scene { caster, truth } = &mut self.scene;
+        let image = caster.image(&self.camera, SIZE, mode).unwrap();
+        assert_eq!(image.channels, 4);
+        let (low, high) = caster.geometry().scalar_range();
+        let truth = truth.picture(&self.camera, SIZE, |reference, ray| {
+            projected(against, &reference.segments(ray))
+        });
+        let (mut off, mut met) = (0, 0);
+        for (pixel, truth) in image.values.chunks_exact(4).zip(truth) {
+            let Some(truth) = truth else {
+                continue;
+            };
+            assert!(pixel[0] == pixel[1] && pixel[1] == pixel[2]);
+            assert!(pixel[3] == 0.0 || pixel[3] == 1.0);
+            let grey = (truth - low) / (high - low);
+            met += 1;
+            off += usize::from(pixel[3] == 0.0 || (f64::from(pixel[0]) - grey).abs() > NEAR);
+        }
+        assert!(met > 300);
+        off as f64 / f64::from(met)
+    }
 }
 
 #[test]
@@ -66,13 +80,10 @@ fn projections_match_float64() {
         generate::by_name("duct", Some(4000)).unwrap(),
         generate::ball(1.0, 5).unwrap(),
     ] {
-        for mode in MODES {
-            for walk in [Walk::Vertices, Walk::Planes] {
-                let options = RaycastOptions {
-                    walk,
-                    ..Default::default()
-                };
-                let off = apart(&mesh, mode, options, mode);
+        for walk in [Walk::Vertices, Walk::Planes] {
+            let mut rays = Projected::new(&mesh, walk);
+            for mode in MODES {
+                let off = rays.apart(mode, mode);
                 println!("{mode:?} {walk:?}: {off:.4} of the rays");
                 assert!(off < 0.01, "{mode:?} {walk:?}: {off}");
             }
@@ -83,9 +94,10 @@ fn projections_match_float64() {
 #[test]
 fn one_mode_is_none_of_the_others() {
     let mesh = generate::ball(1.0, 5).unwrap();
+    let mut rays = Projected::new(&mesh, Walk::Vertices);
     for mode in MODES {
         for other in MODES.into_iter().filter(|m| *m != mode) {
-            let off = apart(&mesh, mode, RaycastOptions::default(), other);
+            let off = rays.apart(mode, other);
             assert!(off > 0.8, "{mode:?} is {other:?}: {off}");
         }
     }
