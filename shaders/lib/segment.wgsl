@@ -9,8 +9,8 @@ const COMPOSITE: u32 = 0u;
 const THICKNESS: u32 = 1u;
 // Tets passed, whether there were any, and how often the ray begins.
 const STATISTICS: u32 = 2u;
-// The largest scalar, the least, and the mean over the length, grey; of the mean so far red is it
-// and green the length.
+// The largest scalar, the least, and the mean over the length: in red, and of the mean in green the
+// length so far. Alpha is a half where there is any: what is opaque is looked for no further.
 const MAXIMUM: u32 = 3u;
 const MINIMUM: u32 = 4u;
 const MEAN: u32 = 5u;
@@ -102,14 +102,14 @@ fn projected_scalar(sum: vec4<f32>, part: Segment) -> vec4<f32> {
     let s = clamp(part.s, vec2(0.0), vec2(1.0));
     let first = sum.a == 0.0;
     if MODE == MAXIMUM {
-        return vec4(vec3(max(max(s.x, s.y), select(sum.r, 0.0, first))), 1.0);
+        return vec4(max(max(s.x, s.y), select(sum.r, 0.0, first)), 0.0, 0.0, 0.5);
     }
     if MODE == MINIMUM {
-        return vec4(vec3(min(min(s.x, s.y), select(sum.r, 1.0, first))), 1.0);
+        return vec4(min(min(s.x, s.y), select(sum.r, 1.0, first)), 0.0, 0.0, 0.5);
     }
     let length = sum.g + part.length;
     let share = select(0.5, part.length / length, length > 0.0);
-    return vec4(mix(sum.r, 0.5 * (s.x + s.y), select(share, 1.0, first)), length, 0.0, 1.0);
+    return vec4(mix(sum.r, 0.5 * (s.x + s.y), select(share, 1.0, first)), length, 0.0, 0.5);
 }
 
 // The same behind what comes: the segment lies in front of everything gathered.

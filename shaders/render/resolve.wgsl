@@ -3,8 +3,8 @@
 
 #import lib/fullscreen
 
-// Whether what was gathered is a mean scalar, and green its length.
-override MEAN: bool = false;
+// Whether what was gathered is a scalar in red, where alpha is not 0: shown grey.
+override PROJECTED: bool = false;
 
 struct Resolve {
     background: vec4<f32>,
@@ -51,8 +51,8 @@ fn fragment(corner: Corner) -> @location(0) vec4<f32> {
     } else {
         sum = textureLoad(even, pixel, 0);
     }
-    if MEAN {
-        sum = vec4(sum.rrr, sum.a);
+    if PROJECTED {
+        sum = select(vec4(0.0), vec4(sum.rrr, 1.0), sum.a > 0.0);
     }
     return sum + (1.0 - sum.a) * params.background;
 }

@@ -54,7 +54,7 @@ struct Frame {
     walks: HashMap<(Gathered, bool), Walks>,
     /// The occluder that the walks were prepared with.
     occluder: Option<wgpu::TextureView>,
-    /// By format, whether blended over what is there, and whether the mean is shown.
+    /// By format, whether blended over what is there, and whether a projection is shown.
     resolves: HashMap<(wgpu::TextureFormat, bool, bool), Draw>,
 }
 
@@ -338,7 +338,7 @@ impl Raycaster {
             let report = gathered == Gathered::Statistics;
             frame.peel.record(work, walks, view, report)?;
         }
-        self.resolve(work, frame, target, gathered == Gathered::Mean)
+        self.resolve(work, frame, target, gathered.is_projection())
     }
 
     /// Brings the sum of the last layer that ran into the target.
@@ -347,7 +347,7 @@ impl Raycaster {
         work: &mut Recorder,
         frame: &mut Frame,
         target: &Target,
-        mean: bool,
+        projected: bool,
     ) -> Result<()> {
         let params = gpu_data::Resolve {
             background: target.background.unwrap_or_default(),
@@ -356,14 +356,14 @@ impl Raycaster {
         };
         let format = target.colour.texture().format();
         let blend = target.background.is_none();
-        let key = (format, blend, mean);
+        let key = (format, blend, projected);
         if !frame.resolves.contains_key(&key) {
             let peel = &frame.peel;
             let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
             let draw = self
                 .gpu
                 .draw("render/resolve")
-                .constant("MEAN", f64::from(u8::from(mean)))
+                .constant("PROJECTED", f64::from(u8::from(projected)))
                 .read(&peel.sums[0])
                 .read(&peel.sums[1])
                 .read(&peel.arguments[0])

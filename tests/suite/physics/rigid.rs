@@ -161,7 +161,7 @@ fn scenes_name_them() {
 
 #[test]
 fn scenes_part_regions() {
-    let text = "[mesh]\ngenerate = \"biceps\"\ntets = 600\n";
+    let text = "[mesh]\ngenerate = \"biceps\"\ntets = 1000\n";
     let whole = Scene::parse(text).unwrap().mesh.load().unwrap();
     let parted = format!("{text}part = [[\"tendon\", \"MUSCLE\"]]\n");
     let parted = Scene::parse(&parted).unwrap().mesh.load().unwrap();
