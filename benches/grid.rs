@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::physics::{CpuGrid, Material, Simulator};
+use palpate::physics::{CpuGrid, Material, Precision, Simulator};
 use std::time::Instant;
 
 /// A ball of a heart's size, in metres.
@@ -54,7 +54,7 @@ fn main() -> palpate::Result<()> {
         let mut double = model.twin();
         let mut single = double.single();
         let mesh = model.shape.mesh(&model.springs)?;
-        let mut cpu = CpuGrid::<f32>::new(&gpu, model.clone(), mesh)?;
+        let mut cpu = CpuGrid::new(&gpu, model.clone(), mesh, Precision::Single)?;
         let mut body = GridBody::new(&gpu, model)?;
         // In turns, the best of each: the machine may be busy.
         let mut best = [0.0f64; 4];

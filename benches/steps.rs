@@ -17,7 +17,7 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location, TetMesh, generate};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Engine, EngineChoice, HeldEnd, Material, MaterialModel,
+    ConjugateGradients, CpuTets, Engine, EngineChoice, HeldEnd, Material, MaterialModel, Precision,
     RegionMaterial, Simulator, SolverKind, Stiffness, VolumeModel,
 };
 use std::time::{Duration, Instant};
@@ -89,7 +89,8 @@ fn main() -> palpate::Result<()> {
                         let mut tight = settings(1e-9);
                         tight.max_iterations = 20_000;
                         let (mesh, made) = (mesh.clone(), &material);
-                        let mut truth = CpuTets::<f64>::new(&gpu, mesh, made, kind, tight)?;
+                        let mut truth =
+                            CpuTets::new(&gpu, mesh, made, kind, tight, Precision::Double)?;
                         hold(&mut truth)?;
                         format!("{:.1e}", error(body.as_mut(), &mut truth, h)?)
                     }

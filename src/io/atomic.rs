@@ -16,7 +16,17 @@ pub fn atomic_write(
     path: impl AsRef<Path>,
     fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>,
 ) -> Result<()> {
-    let path = path.as_ref();
+    let mut fill = Some(fill);
+    whole_or_not(path.as_ref(), &mut |file| match fill.take() {
+        Some(fill) => fill(file),
+        None => Ok(()),
+    })
+}
+
+/// Fills a file, once.
+type Fill<'a> = &'a mut dyn FnMut(&mut BufWriter<File>) -> Result<()>;
+
+fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
     // A link keeps pointing where it did: the file behind it is the one replaced.
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     if let Ok(about) = std::fs::metadata(&target)
@@ -41,23 +51,13 @@ pub fn atomic_write(
 }
 
 #[cfg(target_arch = "wasm32")]
-fn replace(
-    path: &Path,
-    _: &Path,
-    _: &Path,
-    _: impl FnOnce(&mut BufWriter<File>) -> Result<()>,
-) -> Result<()> {
+fn replace(path: &Path, _: &Path, _: &Path, _: Fill<'_>) -> Result<()> {
     Err(Error::format(path, "a browser has no files to write"))
 }
 
 /// Fills a temporary file in `folder` and gives it the name `target`; `path` is what errors name.
 #[cfg(not(target_arch = "wasm32"))]
-fn replace(
-    path: &Path,
-    target: &Path,
-    folder: &Path,
-    fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>,
-) -> Result<()> {
+fn replace(path: &Path, target: &Path, folder: &Path, fill: Fill<'_>) -> Result<()> {
     let mut options = tempfile::Builder::new();
     options.prefix(".palpate-").suffix(".part");
     #[cfg(unix)]

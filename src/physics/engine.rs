@@ -2,8 +2,8 @@
 
 use super::grid::{GpuGrid, GridBody, GridModel};
 use super::{
-    Body, ConjugateGradients, CpuGrid, CpuTets, GpuTets, ImplicitEuler, Material, Simulator,
-    Solver, SolverKind, SpringNetwork, VolumeModel,
+    Body, ConjugateGradients, CpuGrid, CpuTets, GpuTets, ImplicitEuler, Material, Precision,
+    Simulator, Solver, SolverKind, SpringNetwork, VolumeModel,
 };
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -98,7 +98,7 @@ impl EngineChoice {
         }
         Ok(match self.engine(gpu) {
             Engine::Gpu => Box::new(GpuGrid::new(gpu, GridBody::new(gpu, model)?, mesh)?),
-            Engine::Cpu => Box::new(CpuGrid::<f32>::new(gpu, model, mesh)?),
+            Engine::Cpu => Box::new(CpuGrid::new(gpu, model, mesh, Precision::Single)?),
         })
     }
 
@@ -120,7 +120,13 @@ impl EngineChoice {
             || elements.volume == VolumeModel::Averaged
             || !elements.rigid.is_empty();
         if of_cpu && self == EngineChoice::Auto || self.engine(gpu) == Engine::Cpu {
-            let body = CpuTets::<f32>::of_network(gpu, mesh, network, material, kind, settings)?;
+            let body = CpuTets::of_network(
+                gpu,
+                (mesh, network),
+                material,
+                (kind, settings),
+                Precision::Single,
+            )?;
             return Ok(Box::new(body));
         }
         let body = Body::of_network(gpu, &mesh, network, material)?;

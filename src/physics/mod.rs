@@ -62,7 +62,7 @@ mod verlet;
 pub use acting::{Acting, LevelId, Muscle};
 pub use bodies::{Bodies, BodiesState, Member, MemberReport};
 pub use body::Body;
-pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Real};
+pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
 pub use element_volume::VolumeModel;
 pub(crate) use elements::eigen;
 pub use elements::{Blocks, Element, Elements, Law, Newton};

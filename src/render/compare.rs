@@ -90,7 +90,10 @@ impl Image {
     /// # Errors
     /// When the file cannot be read or is no such picture.
     pub fn open(path: impl AsRef<Path>) -> Result<Image> {
-        let path = path.as_ref();
+        Image::open_file(path.as_ref())
+    }
+
+    fn open_file(path: &Path) -> Result<Image> {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         let picture = image::load_from_memory(&bytes)
             .map_err(|e| Error::format(path, format!("no PNG or EXR picture: {e}")))?

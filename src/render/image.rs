@@ -95,7 +95,10 @@ impl Image {
         background: Background,
         depth: BitDepth,
     ) -> Result<()> {
-        let path = path.as_ref();
+        self.save_file(path.as_ref(), background, depth)
+    }
+
+    fn save_file(&self, path: &Path, background: Background, depth: BitDepth) -> Result<()> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
         let bytes = match extension.to_ascii_lowercase().as_str() {
             "png" => self.png(background, depth),

@@ -87,7 +87,10 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::Io`] when it cannot be written.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
+        self.write_file(path.as_ref())
+    }
+
+    fn write_file(&self, path: &Path) -> Result<()> {
         let content = postcard::to_stdvec(self)
             .map_err(|e| Error::format(path, format!("the checkpoint cannot be packed: {e}")))?;
         crate::io::atomic_write(path, |file| {
@@ -108,7 +111,10 @@ impl Checkpoint {
     /// [`Error::Io`], or [`Error::Format`] for a file that is no checkpoint, one of another
     /// version, or a damaged one.
     pub fn read(path: impl AsRef<Path>) -> Result<Checkpoint> {
-        let path = path.as_ref();
+        Checkpoint::read_file(path.as_ref())
+    }
+
+    fn read_file(path: &Path) -> Result<Checkpoint> {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         let afresh = "run without --resume to start afresh";
         let kind = b"palpate checkpoint ";

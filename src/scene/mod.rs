@@ -183,7 +183,10 @@ impl Scene {
     /// [`Error::Io`], or [`Error::Format`] with the line and the column of what is wrong: a key
     /// that is not known, a value of the wrong type, a word that is none of those expected.
     pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
-        let path = path.as_ref();
+        Scene::read_file(path.as_ref())
+    }
+
+    fn read_file(path: &Path) -> Result<Scene> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let mut scene = Scene::parse(&text).map_err(|e| Error::format(path, e.to_string()))?;
         let folder = path.parent().unwrap_or(Path::new(""));

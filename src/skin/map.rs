@@ -27,7 +27,10 @@ impl Map {
     /// # Errors
     /// A file that cannot be read, is no PNG, or is larger than 8192 texels a side.
     pub fn read(path: impl AsRef<Path>) -> Result<Map> {
-        let path = path.as_ref();
+        Map::read_file(path.as_ref())
+    }
+
+    fn read_file(path: &Path) -> Result<Map> {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes));
         reader.set_format(image::ImageFormat::Png);
@@ -49,7 +52,10 @@ impl Map {
     /// # Errors
     /// When the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
+        self.save_file(path.as_ref())
+    }
+
+    fn save_file(&self, path: &Path) -> Result<()> {
         self.check()?;
         let mut file = Vec::new();
         let encoder = image::codecs::png::PngEncoder::new(&mut file);

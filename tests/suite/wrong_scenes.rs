@@ -233,7 +233,10 @@ fn what_is_wrong_is_said_with_its_place() {
 #[test]
 fn regions_are_bounded_by_places_in_the_unit_of_the_mesh() {
     let bar = generate::paper_bar().unwrap();
-    let nodes = |toml: &str| toml::from_str::<Region>(toml).unwrap().nodes(&bar);
+    let nodes = |toml: &str| {
+        let scene = Scene::parse(&format!("[[pin]]\n{toml}")).unwrap();
+        scene.pin[0].nodes(&bar)
+    };
     let (low, high) = bar.bounds();
     let middle = 0.5 * (low + high);
     for (k, axis) in ["x", "y", "z"].iter().enumerate() {

@@ -31,7 +31,7 @@ fn body(network: &SpringNetwork, kind: SolverKind, chunks: usize) -> CpuBody<f64
         tolerance: 1e-10,
         ..ConjugateGradients::default()
     };
-    CpuBody::with_chunks(network, kind, settings, Some(chunks)).unwrap()
+    CpuBody::new(network, kind, settings, Some(chunks)).unwrap()
 }
 
 /// The boundary faces of a mesh.

@@ -88,23 +88,12 @@ pub(super) enum Start {
 
 impl<T: Real> CpuBody<T> {
     /// The body that `network` is, at rest, nothing pinned, no gravity, stepped by the scheme
-    /// `kind`; `settings` say when the linear solves of implicit Euler stop.
+    /// `kind`; `settings` say when the linear solves of implicit Euler stop. Its nodes are shared
+    /// out in that many chunks, or as many as suit it.
     ///
     /// # Errors
     /// [`Error::Input`] for settings or a network that make no sense.
     pub fn new(
-        network: &SpringNetwork,
-        kind: SolverKind,
-        settings: ConjugateGradients,
-    ) -> Result<CpuBody<T>> {
-        CpuBody::with_chunks(network, kind, settings, None)
-    }
-
-    /// As [`CpuBody::new`], its nodes shared out in that many chunks, or as many as suit it.
-    ///
-    /// # Errors
-    /// As [`CpuBody::new`].
-    pub fn with_chunks(
         network: &SpringNetwork,
         kind: SolverKind,
         settings: ConjugateGradients,

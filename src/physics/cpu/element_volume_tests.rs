@@ -31,7 +31,7 @@ fn soft_bar(cells: [usize; 3], law: Law) -> SpringNetwork {
 
 fn body<T: Real>(network: &SpringNetwork, chunks: usize, settings: Newton) -> CpuBody<T> {
     let (kind, cg) = (SolverKind::Implicit, ConjugateGradients::default());
-    let mut body = CpuBody::with_chunks(network, kind, cg, Some(chunks)).unwrap();
+    let mut body = CpuBody::new(network, kind, cg, Some(chunks)).unwrap();
     body.set_newton(settings).unwrap();
     body.set_pinned(&end(network)).unwrap();
     body.set_gravity(GRAVITY);

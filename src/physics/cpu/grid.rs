@@ -1,9 +1,8 @@
 //! A grid body as a simulator, stepped on the CPU.
 
 use super::guard::Failure;
-use super::particles::Particles;
-use super::real::Real;
-use super::sending::{attachments, send_loads};
+use super::sending::{all_loads, send_loads};
+use super::stepped::{GridParticles, Precision};
 use super::worker::{Errand, Refusal, Span, Worker};
 use crate::gpu::{Array, Gpu, Recorder, Texel};
 use crate::mesh::{Blade, NO_NORMAL, TetMesh, Topology, pack_normal};
@@ -17,8 +16,8 @@ use crate::{Error, FailureCause, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A grid body on threads of the processor, in numbers of type `T`.
-pub struct CpuGrid<T: Real = f32> {
+/// A grid body on threads of the processor.
+pub struct CpuGrid {
     gpu: Gpu,
     mesh: TetMesh,
     topology: Topology,
@@ -26,7 +25,8 @@ pub struct CpuGrid<T: Real = f32> {
     loads: Loads,
     /// The loads that the worker has.
     sent: Option<LoadVersions>,
-    worker: Worker<Particles<T>>,
+    precision: Precision,
+    worker: Worker<dyn GridParticles>,
     nodes: Nodes,
     /// The positions that were uploaded.
     shown: u64,
@@ -51,20 +51,26 @@ pub struct CpuGridState {
     parts: usize,
 }
 
-impl<T: Real> CpuGrid<T> {
-    /// The body of `model`, at rest; the mesh over its full cells may have fields and names in
-    /// `mesh`. `gpu` is what it is drawn on.
+impl CpuGrid {
+    /// The body of `model`, at rest, stepped in numbers of that precision; the mesh over its full
+    /// cells may have fields and names in `mesh`. `gpu` is what it is drawn on.
     ///
     /// # Errors
     /// [`Error::Input`] for another mesh, [`Error::Gpu`] when its nodes do not fit the device.
-    pub fn new(gpu: &Gpu, model: GridModel, mesh: TetMesh) -> Result<CpuGrid<T>> {
+    pub fn new(
+        gpu: &Gpu,
+        model: GridModel,
+        mesh: TetMesh,
+        precision: Precision,
+    ) -> Result<CpuGrid> {
         model.check_mesh(&mesh)?;
         let nodes = Nodes::new(gpu, &mesh)?;
         Ok(CpuGrid {
             gpu: gpu.clone(),
             topology: Topology::new(&mesh),
             loads: Loads::new(mesh.nodes.len(), model.frame, model.length_unit),
-            worker: Worker::new(Particles::new(&model)),
+            precision,
+            worker: Worker::new(precision.grid(&model, None)),
             mesh,
             model,
             sent: None,
@@ -145,7 +151,7 @@ impl<T: Real> CpuGrid<T> {
     fn share_out(&mut self, parts: usize) -> Result<()> {
         let mut body = self.worker.body();
         if body.parts() != parts {
-            *body = Particles::with_slabs(&self.model, parts);
+            *body = self.precision.grid(&self.model, Some(parts));
         }
         Ok(())
     }
@@ -178,7 +184,7 @@ fn packed(normals: &[DVec3]) -> Vec<u32> {
     normals.iter().map(pack).collect()
 }
 
-impl<T: Real> Simulator for CpuGrid<T> {
+impl Simulator for CpuGrid {
     fn integrator(&self) -> SolverKind {
         SolverKind::Verlet
     }
@@ -263,7 +269,7 @@ impl<T: Real> Simulator for CpuGrid<T> {
     }
 
     fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
-        let mut rest = Particles::<T>::new(&self.model);
+        let mut rest = self.precision.grid(&self.model, None);
         rest.set_springs(&self.model.springs)?;
         let at_rest = packed(&rest.normals());
         let now = packed(&self.worker.body().normals());
@@ -349,13 +355,12 @@ impl<T: Real> Simulator for CpuGrid<T> {
     }
 
     fn state(&self) -> Result<SimulatorState> {
-        let (state, parts) = {
+        let (particles, parts) = {
             let body = self.worker.body();
-            (body.state(), body.parts())
+            (body.packed()?, body.parts())
         };
         Ok(SimulatorState::CpuGrid(Box::new(CpuGridState {
-            particles: postcard::to_stdvec(&state)
-                .map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))?,
+            particles,
             loads: self.loads.state(),
             sent: self.sent,
             changes: self.changes,
@@ -371,19 +376,13 @@ impl<T: Real> Simulator for CpuGrid<T> {
                 "the state of another kind of body, or of another engine".into(),
             ));
         };
-        let kept = postcard::from_bytes(&state.particles).map_err(|_| {
-            Error::Input("the state of a body of other numbers, or a damaged one".into())
-        })?;
         self.worker.rest();
         self.loads.set_state(&state.loads)?;
         self.share_out(state.parts)?;
         {
             let mut body = self.worker.body();
-            body.set_pinned(self.loads.pinned())?;
-            body.set_gravity(self.loads.gravity());
-            body.set_forces(self.loads.forces())?;
-            body.set_attachments(&attachments(&self.loads))?;
-            body.resume(&kept)?;
+            body.take_over(all_loads(&self.loads))?;
+            body.resume(&state.particles)?;
         }
         self.sent = state.sent;
         self.changes = state.changes;

@@ -61,6 +61,7 @@ mod spring_blocks;
 mod springs;
 mod state;
 mod step;
+mod stepped;
 mod sum;
 mod terms;
 #[cfg(test)]
@@ -70,5 +71,5 @@ mod vectors;
 mod worker;
 
 pub use grid::{CpuGrid, CpuGridState};
-pub use real::Real;
 pub use simulator::{CpuState, CpuTets};
+pub use stepped::Precision;

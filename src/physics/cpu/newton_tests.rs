@@ -29,7 +29,7 @@ fn end(network: &SpringNetwork) -> Vec<bool> {
 /// A body pinned at one end, under gravity.
 fn body<T: Real>(network: &SpringNetwork, chunks: usize, settings: Newton) -> CpuBody<T> {
     let (kind, cg) = (SolverKind::Implicit, ConjugateGradients::default());
-    let mut body = CpuBody::with_chunks(network, kind, cg, Some(chunks)).unwrap();
+    let mut body = CpuBody::new(network, kind, cg, Some(chunks)).unwrap();
     body.set_newton(settings).unwrap();
     body.set_pinned(&end(network)).unwrap();
     body.set_gravity(GRAVITY);
@@ -320,7 +320,7 @@ fn explicit_schemes_step_elements_too() {
             SolverKind::Symplectic,
         ] {
             let cg = ConjugateGradients::default();
-            let mut body = CpuBody::<f64>::with_chunks(&network, kind, cg, Some(2)).unwrap();
+            let mut body = CpuBody::<f64>::new(&network, kind, cg, Some(2)).unwrap();
             body.set_pinned(&end(&network)).unwrap();
             body.set_gravity(GRAVITY);
             body.run(20000, 0.1 / 20000.0).unwrap();

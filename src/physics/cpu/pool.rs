@@ -109,9 +109,19 @@ impl Plan {
             nodes,
             groups: self.group_bounds[middle] - self.group_bounds[from],
         });
-        let (mut sums, others) = rayon::join(
-            || self.some(from, middle, left, work),
-            || self.some(middle, to, right, work),
+        let (mut left, mut right) = (Some(left), Some(right));
+        let (mut sums, mut others) = ([0.0; K], [0.0; K]);
+        both(
+            &mut || {
+                if let Some(data) = left.take() {
+                    sums = self.some(from, middle, data, work);
+                }
+            },
+            &mut || {
+                if let Some(data) = right.take() {
+                    others = self.some(middle, to, data, work);
+                }
+            },
         );
         for (s, o) in sums.iter_mut().zip(others) {
             *s += o;
@@ -127,6 +137,11 @@ impl Plan {
             _ => rayon::scope(|_| work()),
         }
     }
+}
+
+/// Does both at the same time. What rayon needs for it is compiled once, and not for every `work`.
+fn both(left: &mut (dyn FnMut() + Send), right: &mut (dyn FnMut() + Send)) {
+    rayon::join(left, right);
 }
 
 /// How much of each kind of data goes left.

@@ -54,8 +54,7 @@ fn bar(
 }
 
 fn body<T: Real>(network: &SpringNetwork, kind: SolverKind, newton: Newton) -> CpuBody<T> {
-    let mut body =
-        CpuBody::with_chunks(network, kind, ConjugateGradients::default(), Some(2)).unwrap();
+    let mut body = CpuBody::new(network, kind, ConjugateGradients::default(), Some(2)).unwrap();
     body.set_newton(newton).unwrap();
     body
 }
@@ -570,7 +569,7 @@ fn a_bone_comes_to_rest_on_a_floor() {
 fn what_cannot_be_is_refused() {
     let network = bar([4, 2, 2], |p| p.x > 0.5, None, 0.0);
     for kind in [SolverKind::Verlet, SolverKind::Symplectic] {
-        let made = CpuBody::<f32>::new(&network, kind, ConjugateGradients::default());
+        let made = CpuBody::<f32>::new(&network, kind, ConjugateGradients::default(), None);
         let said = made.err().unwrap().to_string();
         assert!(said.contains("take implicit, bdf2 or midpoint"), "{said}");
     }
@@ -583,6 +582,7 @@ fn what_cannot_be_is_refused() {
         &strange,
         SolverKind::Implicit,
         ConjugateGradients::default(),
+        None,
     );
     assert!(made.err().unwrap().to_string().contains("two rigid bodies"));
 }

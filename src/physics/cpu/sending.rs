@@ -1,14 +1,15 @@
 //! Loads on their way to the thread that steps a body.
 
 use super::loads::Attachment;
-use super::worker::{Errand, LoadChange, Stepped, Worker};
+use super::stepped::{LoadChange, Stepped};
+use super::worker::{Errand, Worker};
 use crate::Result;
 use crate::physics::loads::LoadVersions;
 use crate::physics::{Grip, Held, Loads};
 use glam::DVec3;
 
 /// Sends the loads that have changed since those of the versions in `sent`.
-pub(super) fn send_loads<B: Stepped>(
+pub(super) fn send_loads<B: Stepped + ?Sized>(
     loads: &Loads,
     sent: &mut Option<LoadVersions>,
     worker: &mut Worker<B>,
@@ -30,8 +31,19 @@ pub(super) fn send_loads<B: Stepped>(
     worker.ask(Errand::Loads(Box::new(change)))
 }
 
+/// All loads.
+pub(super) fn all_loads(loads: &Loads) -> LoadChange {
+    LoadChange {
+        gravity: loads.gravity(),
+        pinned: Some(loads.pinned().to_vec()),
+        forces: Some(loads.forces().to_vec()),
+        attachments: Some(attachments(loads)),
+        levels: Some(loads.levels().to_vec()),
+    }
+}
+
 /// The nodes that grabs hold or pull, in metres.
-pub(super) fn attachments(loads: &Loads) -> Vec<Attachment> {
+fn attachments(loads: &Loads) -> Vec<Attachment> {
     let (frame, unit) = loads.frame_and_unit();
     let metres = |p: DVec3| (p - frame.origin) * unit;
     let led = loads.led().iter().flat_map(|led| {

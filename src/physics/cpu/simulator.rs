@@ -1,10 +1,8 @@
 //! A body of tets as a simulator, stepped on the CPU.
 
-use super::body::CpuBody;
 use super::guard::Failure;
-use super::node_terms::NodeTerms;
-use super::real::Real;
-use super::sending::{attachments, send_loads};
+use super::sending::{all_loads, send_loads};
+use super::stepped::{LoadChange, Precision, TetBody};
 use super::worker::{Errand, Refusal, Span, Worker};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology, cut};
@@ -19,10 +17,10 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// A body of tets on threads of the processor, in numbers of type `T`: f32 for speed, f64 for
-/// truth. Steps are done on a thread of its own, which shares them out in rayon's global pool: do
-/// not wait for them from within that pool. What is drawn is uploaded once a picture.
-pub struct CpuTets<T: Real = f32> {
+/// A body of tets on threads of the processor. Steps are done on a thread of its own, which shares
+/// them out in rayon's global pool: do not wait for them from within that pool. What is drawn is
+/// uploaded once a picture.
+pub struct CpuTets {
     mesh: TetMesh,
     topology: Topology,
     material: Material,
@@ -35,7 +33,8 @@ pub struct CpuTets<T: Real = f32> {
     terms: Vec<Arc<dyn NodeTerm>>,
     /// Pressures and muscles, in the order of their levels.
     acting: Vec<Acting>,
-    worker: Worker<CpuBody<T>>,
+    precision: Precision,
+    worker: Worker<dyn TetBody>,
     nodes: Nodes,
     /// The positions that were uploaded.
     shown: u64,
@@ -58,9 +57,9 @@ pub struct CpuState {
     parts: usize,
 }
 
-impl<T: Real> CpuTets<T> {
-    /// `mesh` made of `material`, at rest, stepped by `kind`, whose linear solves stop as
-    /// `settings` say. `gpu` is what it is drawn on.
+impl CpuTets {
+    /// `mesh` made of `material`, at rest, stepped by `kind` in numbers of that precision, its linear
+    /// solves stopping as `settings` say. `gpu` is what it is drawn on.
     ///
     /// # Errors
     /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the nodes do not
@@ -71,9 +70,10 @@ impl<T: Real> CpuTets<T> {
         material: &Material,
         kind: SolverKind,
         settings: ConjugateGradients,
-    ) -> Result<CpuTets<T>> {
+        precision: Precision,
+    ) -> Result<CpuTets> {
         let network = SpringNetwork::new(&mesh, material)?;
-        CpuTets::of_network(gpu, mesh, network, material, kind, settings)
+        CpuTets::of_network(gpu, (mesh, network), material, (kind, settings), precision)
     }
 
     /// As [`CpuTets::new`], with masses and springs of one's own: those of a cage, for example.
@@ -82,12 +82,11 @@ impl<T: Real> CpuTets<T> {
     /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`CpuTets::new`].
     pub fn of_network(
         gpu: &Gpu,
-        mesh: TetMesh,
-        network: SpringNetwork,
+        (mesh, network): (TetMesh, SpringNetwork),
         material: &Material,
-        kind: SolverKind,
-        settings: ConjugateGradients,
-    ) -> Result<CpuTets<T>> {
+        (kind, settings): (SolverKind, ConjugateGradients),
+        precision: Precision,
+    ) -> Result<CpuTets> {
         if network.rest.len() != mesh.nodes.len() {
             return Err(Error::Input(format!(
                 "masses of {} nodes are given for a mesh of {}",
@@ -95,7 +94,7 @@ impl<T: Real> CpuTets<T> {
                 mesh.nodes.len()
             )));
         }
-        let body = CpuBody::new(&network, kind, settings)?;
+        let body = precision.tets(&network, (kind, settings), None)?;
         let nodes = Nodes::new(gpu, &mesh)?;
         Ok(CpuTets {
             topology: Topology::new(&mesh),
@@ -108,6 +107,7 @@ impl<T: Real> CpuTets<T> {
             sent: None,
             terms: Vec::new(),
             acting: Vec::new(),
+            precision,
             worker: Worker::new(body),
             nodes,
             shown: 0,
@@ -182,22 +182,26 @@ impl<T: Real> CpuTets<T> {
 
     /// A body of what the network is now, at rest, its nodes shared out in so many parts, or as
     /// many as suit it.
-    fn body(&self, parts: Option<usize>) -> Result<CpuBody<T>> {
-        let mut body = CpuBody::with_chunks(&self.network, self.kind, self.settings, parts)?;
+    fn body(&self, parts: Option<usize>) -> Result<Box<dyn TetBody>> {
+        let how = (self.kind, self.settings);
+        let mut body = self.precision.tets(&self.network, how, parts)?;
         for term in &self.terms {
-            let term = NodeTerms::new(term.clone(), &self.network, body.sharing());
-            body.add_term(Box::new(term));
+            body.add_node_term(term.clone(), &self.network);
         }
         for (level, acting) in self.acting.iter().enumerate() {
-            self.act(&mut body, acting, level);
+            self.act(&mut *body, acting, level);
         }
-        body.set_levels(self.loads.levels());
-        body.set_pinned(self.loads.pinned())?;
+        body.take_over(LoadChange {
+            gravity: self.loads.gravity(),
+            levels: Some(self.loads.levels().to_vec()),
+            pinned: Some(self.loads.pinned().to_vec()),
+            ..LoadChange::default()
+        })?;
         Ok(body)
     }
 
     /// Has `acting` act on `body`, made of this mesh and network.
-    fn act(&self, body: &mut CpuBody<T>, acting: &Acting, level: usize) {
+    fn act(&self, body: &mut dyn TetBody, acting: &Acting, level: usize) {
         match acting {
             Acting::Pressure(faces) => {
                 let (mesh, topology) = (&self.mesh, &self.topology);
@@ -230,7 +234,7 @@ impl<T: Real> CpuTets<T> {
     }
 }
 
-impl<T: Real> Simulator for CpuTets<T> {
+impl Simulator for CpuTets {
     fn integrator(&self) -> SolverKind {
         self.kind
     }
@@ -270,8 +274,7 @@ impl<T: Real> Simulator for CpuTets<T> {
 
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         let mut body = self.worker.body();
-        let own = NodeTerms::new(term.clone(), &self.network, body.sharing());
-        body.add_term(Box::new(own));
+        body.add_node_term(term.clone(), &self.network);
         self.terms.push(term);
         self.changes += 1;
         Ok(())
@@ -280,7 +283,7 @@ impl<T: Real> Simulator for CpuTets<T> {
     fn add_acting(&mut self, acting: Acting) -> Result<LevelId> {
         acting.check(&self.mesh, &self.network)?;
         let level = self.acting.len();
-        self.act(&mut self.worker.body(), &acting, level);
+        self.act(&mut **self.worker.body(), &acting, level);
         self.acting.push(acting);
         self.changes += 1;
         Ok(self.loads.add_level())
@@ -461,13 +464,12 @@ impl<T: Real> Simulator for CpuTets<T> {
     }
 
     fn state(&self) -> Result<SimulatorState> {
-        let (state, parts) = {
+        let (body, parts) = {
             let body = self.worker.body();
-            (body.state(), body.parts())
+            (body.packed()?, body.parts())
         };
         Ok(SimulatorState::Cpu(Box::new(CpuState {
-            body: postcard::to_stdvec(&state)
-                .map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))?,
+            body,
             loads: self.loads.state(),
             sent: self.sent,
             changes: self.changes,
@@ -483,20 +485,13 @@ impl<T: Real> Simulator for CpuTets<T> {
                 "the state of another kind of body, or of another engine".into(),
             ));
         };
-        let kept = postcard::from_bytes(&state.body).map_err(|_| {
-            Error::Input("the state of a body of other numbers, or a damaged one".into())
-        })?;
         self.worker.rest();
         self.loads.set_state(&state.loads)?;
         self.share_out(state.parts)?;
         {
             let mut body = self.worker.body();
-            body.set_pinned(self.loads.pinned())?;
-            body.set_gravity(self.loads.gravity());
-            body.set_forces(self.loads.forces())?;
-            body.set_levels(self.loads.levels());
-            body.set_attachments(&attachments(&self.loads))?;
-            body.resume(&kept)?;
+            body.take_over(all_loads(&self.loads))?;
+            body.resume(&state.body)?;
         }
         self.sent = state.sent;
         self.changes = state.changes;

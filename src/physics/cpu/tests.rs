@@ -77,7 +77,7 @@ impl<T: Real> Pair<T> {
         settings: ConjugateGradients,
         chunks: usize,
     ) -> Pair<T> {
-        let mut body = CpuBody::<T>::with_chunks(network, kind, settings, Some(chunks)).unwrap();
+        let mut body = CpuBody::<T>::new(network, kind, settings, Some(chunks)).unwrap();
         let mut twin = Particles::new(network.clone());
         let count = network.rest.len();
         let size = network.frame.scale * network.length_unit;
@@ -542,7 +542,7 @@ fn what_cannot_be_stepped_says_why() {
         tolerance: 0.0,
         ..EXACT
     };
-    assert!(CpuBody::<f32>::new(&network, SolverKind::Implicit, none).is_err());
+    assert!(CpuBody::<f32>::new(&network, SolverKind::Implicit, none, None).is_err());
 }
 
 #[test]
@@ -570,7 +570,7 @@ fn a_run_that_is_resumed_takes_the_same_steps() {
             }
             assert_eq!(pair.body.state(), third.body.state(), "{kind}");
             let small = bar(600, 1.0, 0.0, 0.0, Damping::Axial);
-            let mut small = CpuBody::<f32>::new(&small, kind, settings).unwrap();
+            let mut small = CpuBody::<f32>::new(&small, kind, settings, None).unwrap();
             assert!(small.resume(&state).is_err());
         }
     }

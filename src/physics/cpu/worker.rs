@@ -1,11 +1,8 @@
 //! A body on a thread of its own: steps are asked for and done behind the caller's back, who looks
 //! how far they are and takes the positions that were put out last.
 
-use super::body::CpuBody;
 use super::guard::Failure;
-use super::loads::Attachment;
-use super::particles::Particles;
-use super::real::Real;
+use super::stepped::{LoadChange, Stepped};
 use crate::physics::{Progress, StepRecord};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -29,105 +26,6 @@ pub(super) enum Errand {
     Steps(u32, f64),
     /// To take over loads.
     Loads(Box<LoadChange>),
-}
-
-/// The loads that have changed.
-#[derive(Debug, Default)]
-pub(super) struct LoadChange {
-    pub gravity: DVec3,
-    pub pinned: Option<Vec<bool>>,
-    pub forces: Option<Vec<DVec3>>,
-    pub attachments: Option<Vec<Attachment>>,
-    pub levels: Option<Vec<f64>>,
-}
-
-/// What a worker steps.
-pub(super) trait Stepped: Send + 'static {
-    /// Whether its steps are long and take iterations, each to be told of.
-    fn iterates(&self) -> bool;
-
-    /// Takes steps of so many seconds; what is noted of the last.
-    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure>;
-
-    /// Steps taken.
-    fn steps(&self) -> u64;
-
-    /// Positions, m.
-    fn positions(&self) -> Vec<DVec3>;
-
-    /// Takes over loads.
-    fn take_over(&mut self, change: LoadChange) -> Result<()>;
-}
-
-impl<T: Real> Stepped for CpuBody<T> {
-    fn iterates(&self) -> bool {
-        self.kind().is_implicit()
-    }
-
-    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
-        CpuBody::run(self, steps, dt)
-    }
-
-    fn steps(&self) -> u64 {
-        CpuBody::steps(self)
-    }
-
-    fn positions(&self) -> Vec<DVec3> {
-        CpuBody::positions(self)
-    }
-
-    fn take_over(&mut self, change: LoadChange) -> Result<()> {
-        self.set_gravity(change.gravity);
-        if let Some(levels) = change.levels {
-            self.set_levels(&levels);
-        }
-        if let Some(pinned) = change.pinned {
-            self.set_pinned(&pinned)?;
-        }
-        if let Some(forces) = change.forces {
-            self.set_forces(&forces)?;
-        }
-        match change.attachments {
-            Some(attachments) => self.set_attachments(&attachments),
-            None => Ok(()),
-        }
-    }
-}
-
-impl<T: Real> Stepped for Particles<T> {
-    fn iterates(&self) -> bool {
-        false
-    }
-
-    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
-        Particles::run(self, steps, dt)?;
-        Ok(StepRecord {
-            kinetic: self.kinetic_energy(),
-            ..StepRecord::default()
-        })
-    }
-
-    fn steps(&self) -> u64 {
-        Particles::steps(self)
-    }
-
-    fn positions(&self) -> Vec<DVec3> {
-        Particles::positions(self)
-    }
-
-    fn take_over(&mut self, change: LoadChange) -> Result<()> {
-        self.set_gravity(change.gravity);
-        if let Some(pinned) = change.pinned {
-            self.set_pinned(&pinned)?;
-        }
-        if let Some(forces) = change.forces {
-            self.set_forces(&forces)?;
-        }
-        match change.attachments {
-            Some(attachments) => self.set_attachments(&attachments),
-            None => Ok(()),
-        }
-    }
 }
 
 /// What is known of the steps, and those that are left.
@@ -180,8 +78,8 @@ struct Published {
     positions: Vec<DVec3>,
 }
 
-struct Shared<B: Stepped> {
-    body: Mutex<B>,
+struct Shared<B: Stepped + ?Sized> {
+    body: Mutex<Box<B>>,
     queue: Mutex<Queue>,
     /// There is something to do, or nothing any more.
     wake: Condvar,
@@ -190,7 +88,7 @@ struct Shared<B: Stepped> {
 }
 
 /// A body and its thread.
-pub(super) struct Worker<B: Stepped> {
+pub(super) struct Worker<B: Stepped + ?Sized> {
     shared: Arc<Shared<B>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -199,8 +97,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<B: Stepped> Worker<B> {
-    pub fn new(body: B) -> Worker<B> {
+impl<B: Stepped + ?Sized> Worker<B> {
+    pub fn new(body: Box<B>) -> Worker<B> {
         Worker {
             shared: Arc::new(Shared {
                 body: Mutex::new(body),
@@ -214,7 +112,7 @@ impl<B: Stepped> Worker<B> {
     }
 
     /// The body, between two steps. What is done to it is done behind what was asked for.
-    pub fn body(&self) -> MutexGuard<'_, B> {
+    pub fn body(&self) -> MutexGuard<'_, Box<B>> {
         lock(&self.shared.body)
     }
 
@@ -301,11 +199,11 @@ impl<B: Stepped> Worker<B> {
 
     /// Puts the positions of now out.
     pub fn publish(&self) {
-        self.shared.publish(&self.body());
+        self.shared.publish(&**self.body());
     }
 }
 
-impl<B: Stepped> Drop for Worker<B> {
+impl<B: Stepped + ?Sized> Drop for Worker<B> {
     fn drop(&mut self) {
         lock(&self.shared.queue).quit = true;
         self.shared.wake.notify_one();
@@ -334,7 +232,7 @@ fn told(queue: &mut Queue) -> std::result::Result<Progress, Refusal> {
     }
 }
 
-impl<B: Stepped> Shared<B> {
+impl<B: Stepped + ?Sized> Shared<B> {
     fn work(&self) {
         loop {
             {
@@ -354,11 +252,11 @@ impl<B: Stepped> Shared<B> {
                 let mut put_out = Instant::now();
                 while self.turn() {
                     if put_out.elapsed() > PICTURE {
-                        self.publish(&lock(&self.body));
+                        self.publish(&**lock(&self.body));
                         put_out = Instant::now();
                     }
                 }
-                self.publish(&lock(&self.body));
+                self.publish(&**lock(&self.body));
             }));
             let mut queue = lock(&self.queue);
             if done.is_err() {

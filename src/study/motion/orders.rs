@@ -2,7 +2,7 @@
 
 use crate::gpu::Gpu;
 use crate::mesh::generate;
-use crate::physics::{CpuTets, Material, Simulator, SolverKind};
+use crate::physics::{CpuTets, Material, Precision, Simulator, SolverKind};
 use crate::study::truth::{State, converged, distance, fitted_order, motion, truth};
 use crate::study::{Axis, Chart, Look, Row, Run, Series};
 use crate::{Error, Result};
@@ -91,7 +91,7 @@ fn places(rows: &[Row], name: &str, kind: SolverKind) -> Vec<[f64; 2]> {
 
 /// The paper's bar, in float64, and how it swings.
 struct Bar {
-    simulator: CpuTets<f64>,
+    simulator: CpuTets,
     start: State,
     truth: Vec<State>,
     /// About how far it moves, over all stops and nodes, m.
@@ -108,7 +108,14 @@ impl Bar {
             ..Material::paper(3_000.0, 0.0)
         };
         let (kind, settings) = converged(SolverKind::VelocityVerlet);
-        let mut simulator = CpuTets::new(gpu, mesh.clone(), &material, kind, settings)?;
+        let mut simulator = CpuTets::new(
+            gpu,
+            mesh.clone(),
+            &material,
+            kind,
+            settings,
+            Precision::Double,
+        )?;
         let nodes = (0u32..).zip(&mesh.nodes);
         let held: Vec<u32> = nodes.filter(|n| n.1.x < 1e-6).map(|n| n.0).collect();
         simulator.pin_nodes(&held)?;

@@ -5,7 +5,9 @@ use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, generate};
 use crate::mesher::Domain;
 use crate::physics::grid::{GridModel, GridShape};
-use crate::physics::{CpuGrid, EngineChoice, Material, RegionMaterial, Simulator, SolverKind};
+use crate::physics::{
+    CpuGrid, EngineChoice, Material, Precision, RegionMaterial, Simulator, SolverKind,
+};
 use crate::scene::{Motion, Scene};
 use crate::study::truth::State;
 use crate::{Error, Result};
@@ -126,7 +128,7 @@ fn pulled(gpu: &Gpu) -> Result<Trial> {
     let end = of_body(&|x| x > size.x - 1e-6);
     let mut both: [Box<dyn Simulator>; 2] = [
         EngineChoice::Auto.grid(gpu, mesh.clone(), model.clone())?,
-        Box::new(CpuGrid::<f64>::new(gpu, model, mesh)?),
+        Box::new(CpuGrid::new(gpu, model, mesh, Precision::Double)?),
     ];
     for body in &mut both {
         body.pin_nodes(&held)?;

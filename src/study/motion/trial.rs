@@ -4,7 +4,7 @@ use super::device::{ACCURATE, on_engine};
 use crate::gpu::Gpu;
 use crate::mesh::signed_volume;
 use crate::physics::{
-    ConjugateGradients, CpuTets, Engine, Material, Simulator, SolverKind, SpringNetwork,
+    ConjugateGradients, CpuTets, Engine, Material, Precision, Simulator, SolverKind, SpringNetwork,
     largest_stable_step,
 };
 use crate::study::truth::{Scheme, State, Truth, converged, distance, motion, truth};
@@ -114,7 +114,13 @@ impl Trial {
         let own: (_, SpringNetwork) = (simulator.mesh().clone(), network.clone());
         // The material counts where a body is cut.
         let material = Material::young(1.0);
-        let mut double = CpuTets::<f64>::of_network(gpu, own.0, own.1, &material, kind, settings)?;
+        let mut double = CpuTets::of_network(
+            gpu,
+            (own.0, own.1),
+            &material,
+            (kind, settings),
+            Precision::Double,
+        )?;
         let (from, to) = (simulator.loads(), double.loads_mut());
         let pinned = (0u32..).zip(from.pinned()).filter(|(_, pinned)| **pinned);
         to.pin_nodes(&pinned.map(|(i, _)| i).collect::<Vec<_>>())?;

@@ -4,7 +4,8 @@ use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::spectrum::Linearised;
 use crate::physics::{
-    ConjugateGradients, CpuTets, EngineChoice, Material, Simulator, SolverKind, SpringNetwork,
+    ConjugateGradients, CpuTets, EngineChoice, Material, Precision, Simulator, SolverKind,
+    SpringNetwork,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -101,8 +102,13 @@ impl Trial {
             .collect();
         let settings = ConjugateGradients::default();
         let kind = SolverKind::VelocityVerlet;
-        let mut body =
-            CpuTets::<f64>::of_network(gpu, mesh.clone(), network, material, kind, settings)?;
+        let mut body = CpuTets::of_network(
+            gpu,
+            (mesh.clone(), network),
+            material,
+            (kind, settings),
+            Precision::Double,
+        )?;
         body.pin_nodes(&held)?;
         body.loads_mut().set_gravity(GRAVITY);
         let mut truth = vec![mesh.nodes.clone()];

@@ -4,7 +4,7 @@ use crate::support::gpu;
 use glam::DVec3;
 use palpate::mesh::generate;
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Material, MaterialModel, Simulator, SolverKind,
+    ConjugateGradients, CpuTets, Material, MaterialModel, Precision, Simulator, SolverKind,
 };
 
 /// The material of `benches/peers/reference_dynamics.py`.
@@ -36,13 +36,13 @@ fn falling(
         tolerance: 1e-10,
         ..ConjugateGradients::default()
     };
-    let mut bar = CpuTets::<f64>::new(&gpu(), mesh, material, kind, settings).unwrap();
+    let mut bar = CpuTets::new(&gpu(), mesh, material, kind, settings, Precision::Double).unwrap();
     let fixed: Vec<u32> = (0..bar.mesh().nodes.len() as u32)
         .filter(|v| bar.mesh().nodes[*v as usize].x < 1e-9)
         .collect();
     bar.pin_nodes(&fixed).unwrap();
     bar.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -gravity));
-    let depth = |bar: &CpuTets<f64>| {
+    let depth = |bar: &CpuTets| {
         let (now, rest) = (bar.positions().unwrap(), &bar.mesh().nodes);
         let all = end.iter().map(|v| rest[*v].z - now[*v].z);
         all.sum::<f64>() / end.len() as f64

@@ -59,7 +59,7 @@ fn a_ball_comes_to_rest_on_a_floor() {
 fn scenes_have_floors() {
     let scene = "[mesh]\ngenerate = \"bar\"\ntets = 300\n[solver]\nname = \"implicit\"\ndt = 0.01\n\
                  [floor]\npoint = [0, 0, -0.3]\n[picture]\nsize = [64, 64]\n";
-    let mut scene: palpate::scene::Scene = toml::from_str(scene).unwrap();
+    let mut scene = palpate::scene::Scene::parse(scene).unwrap();
     let mut stage = palpate::scene::Stage::new(&gpu(), &scene).unwrap();
     assert!(!stage.notes().iter().any(|n| n.starts_with("held")));
     stage.run(80, &mut |_| {}).unwrap();

@@ -4,8 +4,8 @@ use crate::support::gpu;
 use glam::DVec3;
 use palpate::mesh::{Blade, Field, Location, TetMesh, generate};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Engine, EngineChoice, Material, MaterialModel, Simulator,
-    SolverKind,
+    ConjugateGradients, CpuTets, Engine, EngineChoice, Material, MaterialModel, Precision,
+    Simulator, SolverKind,
 };
 use palpate::scene::{Scene, Stage};
 
@@ -60,13 +60,13 @@ fn they_are_stepped_on_the_cpu() {
 fn a_bone_that_is_cut_through_is_two() {
     let (gpu, (mesh, material)) = (gpu(), bar());
     let how = (SolverKind::Implicit, ConjugateGradients::default());
-    let mut body = CpuTets::<f32>::new(&gpu, mesh, &material, how.0, how.1).unwrap();
+    let mut body = CpuTets::new(&gpu, mesh, &material, how.0, how.1, Precision::Single).unwrap();
     let end = |v: &u32| body.mesh().nodes[*v as usize].x < 1e-6;
     let end: Vec<u32> = (0..body.mesh().nodes.len() as u32).filter(end).collect();
     body.pin_nodes(&end).unwrap();
     body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
     body.run(5, 0.01).unwrap();
-    let momentum = |body: &CpuTets<f32>| -> DVec3 {
+    let momentum = |body: &CpuTets| -> DVec3 {
         let all = body.velocities().unwrap().into_iter().zip(body.masses());
         all.map(|(v, m)| v * *m).sum()
     };

@@ -11,7 +11,7 @@ use palpate::mesher::Domain;
 use palpate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
 use palpate::physics::{
     Bodies, CpuGrid, CpuTets, Engine, EngineChoice, GpuTets, Grip, Material, MaterialModel, Member,
-    Simulator, SolverKind, SpringNetwork,
+    Precision, Simulator, SolverKind, SpringNetwork,
 };
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.05, 0.05);
@@ -57,7 +57,7 @@ fn gpu_grid(gpu: &Gpu) -> GpuGrid {
 pub(super) fn cpu_grid(gpu: &Gpu) -> CpuGrid {
     let model = particles();
     let mesh = model.shape.mesh(&model.springs).unwrap();
-    CpuGrid::new(gpu, model, mesh).unwrap()
+    CpuGrid::new(gpu, model, mesh, Precision::Single).unwrap()
 }
 
 pub(super) fn carried(gpu: &Gpu, choice: EngineChoice) -> Carried {
@@ -79,7 +79,15 @@ fn two(gpu: &Gpu) -> Bodies {
     let implicit = SolverKind::Implicit;
     let one = GpuTets::new(gpu, bar(), &material(), implicit).unwrap();
     let settings = Default::default();
-    let other = CpuTets::<f32>::new(gpu, other, &material(), implicit, settings).unwrap();
+    let other = CpuTets::new(
+        gpu,
+        other,
+        &material(),
+        implicit,
+        settings,
+        Precision::Single,
+    )
+    .unwrap();
     let member = |name: &str, simulator, step| Member {
         name: name.into(),
         simulator,
@@ -99,11 +107,25 @@ fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
     for kind in SolverKind::ALL {
         let tets = GpuTets::new(&gpu, bar(), &material(), kind).unwrap();
         all.push((format!("gpu {kind}"), Box::new(tets)));
-        let tets = CpuTets::<f32>::new(&gpu, bar(), &material(), kind, Default::default());
+        let tets = CpuTets::new(
+            &gpu,
+            bar(),
+            &material(),
+            kind,
+            Default::default(),
+            Precision::Single,
+        );
         all.push((format!("cpu {kind}"), Box::new(tets.unwrap())));
     }
     let settings = Default::default();
-    let tets = CpuTets::<f64>::new(&gpu, bar(), &material(), SolverKind::Implicit, settings);
+    let tets = CpuTets::new(
+        &gpu,
+        bar(),
+        &material(),
+        SolverKind::Implicit,
+        settings,
+        Precision::Double,
+    );
     all.push(("cpu f64 implicit".into(), Box::new(tets.unwrap())));
     for model in ELEMENTS {
         let material = Material {
@@ -112,7 +134,14 @@ fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
         };
         let tets = GpuTets::new(&gpu, bar(), &material, SolverKind::Implicit).unwrap();
         all.push((format!("gpu {model}"), Box::new(tets)));
-        let tets = CpuTets::<f32>::new(&gpu, bar(), &material, SolverKind::Implicit, settings);
+        let tets = CpuTets::new(
+            &gpu,
+            bar(),
+            &material,
+            SolverKind::Implicit,
+            settings,
+            Precision::Single,
+        );
         all.push((format!("cpu {model}"), Box::new(tets.unwrap())));
     }
     all.push(("gpu grid".into(), Box::new(gpu_grid(&gpu))));

@@ -7,7 +7,7 @@ use palpate::Error;
 use palpate::gpu::Gpu;
 use palpate::mesh::Blade;
 use palpate::physics::{
-    Bodies, CpuTets, EngineChoice, GpuTets, Grip, Member, Simulator, SolverKind,
+    Bodies, CpuTets, EngineChoice, GpuTets, Grip, Member, Precision, Simulator, SolverKind,
 };
 
 /// From one body to the next.
@@ -24,7 +24,15 @@ fn members(gpu: &Gpu) -> Vec<Member> {
     let (soft, cg) = (material(), Default::default());
     let implicit = GpuTets::new(gpu, bar(), &soft, SolverKind::Implicit).unwrap();
     let verlet = moved_bar(APART);
-    let verlet = CpuTets::<f32>::new(gpu, verlet, &soft, SolverKind::VelocityVerlet, cg).unwrap();
+    let verlet = CpuTets::new(
+        gpu,
+        verlet,
+        &soft,
+        SolverKind::VelocityVerlet,
+        cg,
+        Precision::Single,
+    )
+    .unwrap();
     let auto = EngineChoice::Auto;
     let all: [(&str, Box<dyn Simulator>); 4] = [
         ("implicit", Box::new(implicit)),

@@ -5,7 +5,9 @@ use glam::{DMat3, DVec3};
 use palpate::mesh::TetMesh;
 use palpate::mesh::generate::{self, Split};
 use palpate::physics::plain::springs::Particles;
-use palpate::physics::{CpuTets, Damping, Material, Simulator, SolverKind, Spring, SpringNetwork};
+use palpate::physics::{
+    CpuTets, Damping, Material, Precision, Simulator, SolverKind, Spring, SpringNetwork,
+};
 use palpate::study::elements::{Cantilever, Elements, spring_equilibrium};
 use palpate::study::truth::{State, converged, distance, fitted_order, motion, truth};
 use palpate::study::{Run, STUDIES};
@@ -14,14 +16,22 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// The paper's bar in float64, its end held, and the state in which it is turned and let go.
-fn bar(damping_time: f64) -> (CpuTets<f64>, State) {
+fn bar(damping_time: f64) -> (CpuTets, State) {
     let material = Material {
         damping_time,
         ..Material::paper(3_000.0, 0.0)
     };
     let mesh = generate::paper_bar().unwrap();
     let (kind, settings) = converged(SolverKind::VelocityVerlet);
-    let mut bar = CpuTets::new(&gpu(), mesh.clone(), &material, kind, settings).unwrap();
+    let mut bar = CpuTets::new(
+        &gpu(),
+        mesh.clone(),
+        &material,
+        kind,
+        settings,
+        Precision::Double,
+    )
+    .unwrap();
     let nodes = (0u32..).zip(&mesh.nodes);
     let held: Vec<u32> = nodes.filter(|n| n.1.x < 1e-6).map(|n| n.0).collect();
     bar.pin_nodes(&held).unwrap();
@@ -36,18 +46,18 @@ fn bar(damping_time: f64) -> (CpuTets<f64>, State) {
 
 const DURATION: f64 = 0.02;
 
-fn swing((bar, start): &mut (CpuTets<f64>, State), kind: SolverKind, steps: u32) -> Vec<State> {
+fn swing((bar, start): &mut (CpuTets, State), kind: SolverKind, steps: u32) -> Vec<State> {
     let found = motion(bar, start, converged(kind), DURATION, [4, steps]);
     found.unwrap().unwrap()
 }
 
-fn exact(bar: &mut (CpuTets<f64>, State)) -> Vec<State> {
+fn exact(bar: &mut (CpuTets, State)) -> Vec<State> {
     let run = |steps| Ok(Some(swing(bar, SolverKind::VelocityVerlet, steps)));
     truth(32, 1 << 12, 1e-9, 0.01, run).unwrap().unwrap().states
 }
 
 /// The order of a solver, over steps well below the limit.
-fn order(bar: &mut (CpuTets<f64>, State), kind: SolverKind, truth: &[State]) -> f64 {
+fn order(bar: &mut (CpuTets, State), kind: SolverKind, truth: &[State]) -> f64 {
     // What an undamped explicit step adds to the fastest modes fades only with many steps.
     let first = match kind {
         SolverKind::Explicit => 1024,
@@ -121,8 +131,14 @@ fn a_single_spring_swings_as_it_must() {
         };
         let scheme = converged(SolverKind::VelocityVerlet);
         let (kind, settings) = scheme;
-        let mut body =
-            CpuTets::<f64>::of_network(&gpu(), mesh, network, &material, kind, settings).unwrap();
+        let mut body = CpuTets::of_network(
+            &gpu(),
+            (mesh, network),
+            &material,
+            (kind, settings),
+            Precision::Double,
+        )
+        .unwrap();
         let mut start = State::rest(&body);
         start.x[0].x -= 0.5 * pull;
         start.x[1].x += 0.5 * pull;

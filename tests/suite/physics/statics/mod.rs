@@ -11,7 +11,7 @@ use crate::support::gpu;
 use glam::{DMat3, DVec3};
 use palpate::mesh::{LocalFrame, TetMesh};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Elements, Material, MaterialModel, NodeTerm, Simulator,
+    ConjugateGradients, CpuTets, Elements, Material, MaterialModel, NodeTerm, Precision, Simulator,
     SolverKind, SpringNetwork, Units, VolumeModel,
 };
 use std::sync::Arc;
@@ -91,7 +91,13 @@ impl<'a> Setup<'a> {
         let elements = network.elements.clone();
         let frame = network.frame;
         let (mesh, material, kind) = (self.mesh.clone(), &self.material, SolverKind::Implicit);
-        let made = CpuTets::<f64>::of_network(&gpu(), mesh, network, material, kind, settings);
+        let made = CpuTets::of_network(
+            &gpu(),
+            (mesh, network),
+            material,
+            (kind, settings),
+            Precision::Double,
+        );
         let mut body = made.unwrap();
         body.pin_nodes(&self.pinned).unwrap();
         if !self.forces.is_empty() {

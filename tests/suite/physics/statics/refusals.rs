@@ -6,8 +6,8 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::mesh::{Blade, generate};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Engine, EngineChoice, Material, MaterialModel, Simulator,
-    SolverKind, SpringNetwork, VolumeModel,
+    ConjugateGradients, CpuTets, Engine, EngineChoice, Material, MaterialModel, Precision,
+    Simulator, SolverKind, SpringNetwork, VolumeModel,
 };
 
 #[test]
@@ -51,7 +51,8 @@ fn cut_bodies_average_on_both_sides() {
     let mesh = generate::bar([6, 2, 2], DVec3::new(0.6, 0.2, 0.2)).unwrap();
     let averaged = material(0.49, VolumeModel::Averaged);
     let (kind, settings) = (SolverKind::Implicit, ConjugateGradients::default());
-    let mut body = CpuTets::<f64>::new(&gpu(), mesh, &averaged, kind, settings).unwrap();
+    let mut body =
+        CpuTets::new(&gpu(), mesh, &averaged, kind, settings, Precision::Double).unwrap();
     let whole = body.network().unwrap().clone();
     let (low, high) = body.mesh().bounds();
     let at = low.x + 0.45 * (high.x - low.x);

@@ -1,0 +1,285 @@
+//! Bodies as their workers and simulators see them, whatever numbers they compute in: code that is
+//! generic over these would be compiled again by every program that uses the library.
+
+use super::body::CpuBody;
+use super::guard::Failure;
+use super::loads::Attachment;
+use super::node_terms::NodeTerms;
+use super::particles::Particles;
+use super::real::Real;
+use crate::physics::grid::GridModel;
+use crate::physics::{ConjugateGradients, Muscle, NodeTerm, SolverKind, SpringNetwork, StepRecord};
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::sync::Arc;
+
+/// The numbers that the CPU engine computes in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// f32: for speed.
+    #[default]
+    Single,
+    /// f64: for truth.
+    Double,
+}
+
+/// The loads that have changed.
+#[derive(Debug, Default)]
+pub(super) struct LoadChange {
+    pub gravity: DVec3,
+    pub pinned: Option<Vec<bool>>,
+    pub forces: Option<Vec<DVec3>>,
+    pub attachments: Option<Vec<Attachment>>,
+    pub levels: Option<Vec<f64>>,
+}
+
+/// What a worker steps.
+pub(super) trait Stepped: Send + 'static {
+    /// Whether its steps are long and take iterations, each to be told of.
+    fn iterates(&self) -> bool;
+
+    /// Takes steps of so many seconds; what is noted of the last.
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure>;
+
+    /// Steps taken.
+    fn steps(&self) -> u64;
+
+    /// Positions, m.
+    fn positions(&self) -> Vec<DVec3>;
+
+    /// Velocities, m/s.
+    fn velocities(&self) -> Vec<DVec3>;
+
+    /// Puts the nodes at positions (m) with velocities (m/s).
+    fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()>;
+
+    /// Takes over loads.
+    fn take_over(&mut self, change: LoadChange) -> Result<()>;
+
+    /// In how many parts its nodes are shared out.
+    fn parts(&self) -> usize;
+
+    /// The whole state, packed.
+    fn packed(&self) -> Result<Vec<u8>>;
+
+    /// Goes on from a state that [`Stepped::packed`] gave of a body made in the same way.
+    fn resume(&mut self, packed: &[u8]) -> Result<()>;
+}
+
+/// A body of tets.
+pub(super) trait TetBody: Stepped {
+    /// Adds a term on the nodes of `network`, which this body is.
+    fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &SpringNetwork);
+
+    /// Adds pressure on faces, three nodes each, at the level of this number.
+    fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize);
+
+    /// Adds a muscle of `network`, which this body is, and its tets, at the level of this number.
+    fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&SpringNetwork, &[[u32; 4]]));
+
+    /// The sum of all forces on every node, N.
+    fn forces(&self) -> Vec<DVec3>;
+
+    /// Displacements from rest in the numbers that the body computes in.
+    fn displacements(&self) -> Vec<[f64; 3]>;
+
+    /// Puts the nodes where [`TetBody::displacements`] found them.
+    fn set_displacements(&mut self, displacements: &[[f64; 3]]) -> Result<()>;
+}
+
+/// The particles of a grid.
+pub(super) trait GridParticles: Stepped {
+    /// Takes over which springs there are.
+    fn set_springs(&mut self, springs: &[u32]) -> Result<()>;
+
+    /// The approximate normals of all particles, 0 where there is none.
+    fn normals(&self) -> Vec<DVec3>;
+}
+
+impl Precision {
+    /// The body that `network` is, in so many parts, or as many as suit it.
+    pub(super) fn tets(
+        self,
+        network: &SpringNetwork,
+        (kind, settings): (SolverKind, ConjugateGradients),
+        parts: Option<usize>,
+    ) -> Result<Box<dyn TetBody>> {
+        Ok(match self {
+            Precision::Single => Box::new(CpuBody::<f32>::new(network, kind, settings, parts)?),
+            Precision::Double => Box::new(CpuBody::<f64>::new(network, kind, settings, parts)?),
+        })
+    }
+
+    /// The particles of `model`, in so many parts, or as many as suit them.
+    pub(super) fn grid(self, model: &GridModel, parts: Option<usize>) -> Box<dyn GridParticles> {
+        fn made<T: Real>(model: &GridModel, parts: Option<usize>) -> Box<dyn GridParticles> {
+            Box::new(match parts {
+                Some(parts) => Particles::<T>::with_slabs(model, parts),
+                None => Particles::<T>::new(model),
+            })
+        }
+        match self {
+            Precision::Single => made::<f32>(model, parts),
+            Precision::Double => made::<f64>(model, parts),
+        }
+    }
+}
+
+fn pack(state: &impl Serialize) -> Result<Vec<u8>> {
+    postcard::to_stdvec(state).map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))
+}
+
+fn unpack<S: DeserializeOwned>(packed: &[u8]) -> Result<S> {
+    postcard::from_bytes(packed)
+        .map_err(|_| Error::Input("the state of a body of other numbers, or a damaged one".into()))
+}
+
+impl<T: Real> Stepped for CpuBody<T> {
+    fn iterates(&self) -> bool {
+        self.kind().is_implicit()
+    }
+
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
+        CpuBody::run(self, steps, dt)
+    }
+
+    fn steps(&self) -> u64 {
+        CpuBody::steps(self)
+    }
+
+    fn positions(&self) -> Vec<DVec3> {
+        CpuBody::positions(self)
+    }
+
+    fn velocities(&self) -> Vec<DVec3> {
+        CpuBody::velocities(self)
+    }
+
+    fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        CpuBody::set_state(self, positions, velocities)
+    }
+
+    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+        self.set_gravity(change.gravity);
+        if let Some(levels) = change.levels {
+            self.set_levels(&levels);
+        }
+        if let Some(pinned) = change.pinned {
+            self.set_pinned(&pinned)?;
+        }
+        if let Some(forces) = change.forces {
+            self.set_forces(&forces)?;
+        }
+        match change.attachments {
+            Some(attachments) => self.set_attachments(&attachments),
+            None => Ok(()),
+        }
+    }
+
+    fn parts(&self) -> usize {
+        CpuBody::parts(self)
+    }
+
+    fn packed(&self) -> Result<Vec<u8>> {
+        pack(&self.state())
+    }
+
+    fn resume(&mut self, packed: &[u8]) -> Result<()> {
+        CpuBody::resume(self, &unpack(packed)?)
+    }
+}
+
+impl<T: Real> TetBody for CpuBody<T> {
+    fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &SpringNetwork) {
+        let own = NodeTerms::new(term, network, self.sharing());
+        self.add_term(Box::new(own));
+    }
+
+    fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize) {
+        CpuBody::add_pressure(self, faces, level);
+    }
+
+    fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&SpringNetwork, &[[u32; 4]])) {
+        CpuBody::add_muscle(self, muscle, level, of);
+    }
+
+    fn forces(&self) -> Vec<DVec3> {
+        CpuBody::forces(self)
+    }
+
+    fn displacements(&self) -> Vec<[f64; 3]> {
+        CpuBody::displacements(self)
+    }
+
+    fn set_displacements(&mut self, displacements: &[[f64; 3]]) -> Result<()> {
+        CpuBody::set_displacements(self, displacements)
+    }
+}
+
+impl<T: Real> Stepped for Particles<T> {
+    fn iterates(&self) -> bool {
+        false
+    }
+
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
+        Particles::run(self, steps, dt)?;
+        Ok(StepRecord {
+            kinetic: self.kinetic_energy(),
+            ..StepRecord::default()
+        })
+    }
+
+    fn steps(&self) -> u64 {
+        Particles::steps(self)
+    }
+
+    fn positions(&self) -> Vec<DVec3> {
+        Particles::positions(self)
+    }
+
+    fn velocities(&self) -> Vec<DVec3> {
+        Particles::velocities(self)
+    }
+
+    fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        Particles::set_state(self, positions, velocities)
+    }
+
+    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+        self.set_gravity(change.gravity);
+        if let Some(pinned) = change.pinned {
+            self.set_pinned(&pinned)?;
+        }
+        if let Some(forces) = change.forces {
+            self.set_forces(&forces)?;
+        }
+        match change.attachments {
+            Some(attachments) => self.set_attachments(&attachments),
+            None => Ok(()),
+        }
+    }
+
+    fn parts(&self) -> usize {
+        Particles::parts(self)
+    }
+
+    fn packed(&self) -> Result<Vec<u8>> {
+        pack(&self.state())
+    }
+
+    fn resume(&mut self, packed: &[u8]) -> Result<()> {
+        Particles::resume(self, &unpack(packed)?)
+    }
+}
+
+impl<T: Real> GridParticles for Particles<T> {
+    fn set_springs(&mut self, springs: &[u32]) -> Result<()> {
+        Particles::set_springs(self, springs)
+    }
+
+    fn normals(&self) -> Vec<DVec3> {
+        Particles::normals(self)
+    }
+}
