@@ -6,7 +6,6 @@
 mod bodies;
 mod cages;
 mod chart;
-pub mod elements;
 mod motion;
 mod pictures;
 mod run;
@@ -15,6 +14,7 @@ mod scaling;
 mod sheet;
 mod stability;
 mod state_map;
+pub mod statics;
 pub mod truth;
 
 pub use chart::{Chart, Look, Series};

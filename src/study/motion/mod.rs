@@ -118,7 +118,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             "\n{orders}\nVerlet damps by the velocity of half a step ago, which costs it an order as soon as there is damping; velocity Verlet damps by the velocity to come and keeps its second.\n\n{model}"
         );
         charts.extend(drawn);
-        charts.push(drawn_model);
+        charts.extend(drawn_model);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
     run.tell(

@@ -1,14 +1,14 @@
 //! The truth that solvers are held against, and how fast they come to it in float64.
 
 use crate::support::gpu;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use palpate::mesh::TetMesh;
 use palpate::mesh::generate::{self, Split};
-use palpate::physics::plain::springs::Particles;
 use palpate::physics::{
-    CpuTets, Damping, Material, Precision, Simulator, SolverKind, Spring, SpringNetwork,
+    CpuTets, Damping, Material, MaterialModel, Precision, Simulator, SolverKind, Spring,
+    SpringNetwork,
 };
-use palpate::study::elements::{Cantilever, Elements, spring_equilibrium};
+use palpate::study::statics::Cantilever;
 use palpate::study::truth::{State, converged, distance, fitted_order, motion, truth};
 use palpate::study::{Run, STUDIES};
 use std::collections::BTreeSet;
@@ -177,94 +177,34 @@ fn a_body_that_flies_apart_has_no_motion() {
     assert!(truth(1, 8, 1e-9, 1.0, |_| Ok(None)).unwrap().is_none());
 }
 
-/// Any linear displacement of the boundary is taken up by the inner nodes exactly.
-#[test]
-fn elements_pass_the_patch_test() {
-    let mut mesh = generate::box_mesh([4; 3], DVec3::ONE, Split::Five).unwrap();
-    let inner: Vec<bool> = mesh
-        .nodes
-        .iter()
-        .map(|x| x.min_element() > 1e-9 && x.max_element() < 1.0 - 1e-9)
-        .collect();
-    for (i, x) in mesh.nodes.iter_mut().enumerate().filter(|(i, _)| inner[*i]) {
-        let seed = i as f64;
-        *x += 0.05 * DVec3::new(seed.sin(), (3.0 * seed).cos(), (7.0 * seed).sin());
-    }
-    let elements = Elements::new(&mesh, 2e5, 0.3);
-    let strain = DMat3::from_cols(
-        DVec3::new(0.01, 0.002, -0.004),
-        DVec3::new(-0.003, 0.02, 0.001),
-        DVec3::new(0.005, 0.0, -0.015),
-    );
-    let exact: Vec<DVec3> = mesh.nodes.iter().map(|x| strain * *x).collect();
-    // The boundary is moved, and the forces that this brings to the inside are balanced there.
-    let moved: Vec<DVec3> = (0..exact.len())
-        .map(|i| if inner[i] { DVec3::ZERO } else { exact[i] })
-        .collect();
-    let load: Vec<DVec3> = elements.product(&moved).iter().map(|f| -*f).collect();
-    let held: Vec<bool> = inner.iter().map(|inner| !inner).collect();
-    let solution = elements.equilibrium(&load, &held, 1e-13);
-    let error = |by: f64| {
-        let nodes = (0..exact.len()).filter(|i| inner[*i]);
-        nodes
-            .map(|i| solution.x[i].distance(by * exact[i]))
-            .fold(0.0, f64::max)
-    };
-    assert!(error(1.0) < 1e-12, "{}", error(1.0));
-    assert!(error(1.001) > 1e-6);
-    // And the material is the one asked for: stretched along x with free sides, E and ν.
-    let (young, poisson, e) = (2e5, 0.3, 0.01);
-    let free: Vec<DVec3> = mesh
-        .nodes
-        .iter()
-        .map(|x| e * DVec3::new(x.x, -poisson * x.y, -poisson * x.z))
-        .collect();
-    let forces = elements.product(&free);
-    let pull: DVec3 = (0..forces.len())
-        .filter(|i| mesh.nodes[*i].x > 1.0 - 1e-9)
-        .map(|i| forces[i])
-        .sum();
-    let apart = pull.distance(DVec3::new(young * e, 0.0, 0.0));
-    assert!(apart < 1e-9 * young * e, "{pull}");
-}
-
-/// Refined, the elements sink as deep as Timoshenko's beam; springs of ν = ¼ nearly so.
+/// Refined, elements sink as deep as Timoshenko's beam.
 #[test]
 fn a_cantilever_sinks_as_deep_as_timoshenko_says() {
     let beam = Cantilever {
         length: 1.0,
         width: 0.2,
         young: 1e6,
-        poisson: 0.25,
         density: 1000.0,
         gravity: 0.01,
     };
-    let tips = |cells: usize| {
+    let material = Material {
+        model: MaterialModel::NeoHookean,
+        poisson: 0.25,
+        ..Material::young(beam.young)
+    };
+    let tip = |cells: usize| {
         let size = DVec3::new(beam.length, beam.width, beam.width);
         let mesh = generate::box_mesh([5 * cells, cells, cells], size, Split::Five).unwrap();
-        let p = Particles::new(SpringNetwork::new(&mesh, &Material::young(beam.young)).unwrap());
-        let held: Vec<bool> = mesh.nodes.iter().map(|x| x.x < 1e-9).collect();
-        let load = p.network.masses.iter();
-        let load: Vec<DVec3> = load.map(|m| DVec3::NEG_Z * *m * beam.gravity).collect();
-        let elements = Elements::new(&mesh, beam.young, beam.poisson);
-        let tip = |u: &[DVec3]| {
-            let end = (0..u.len()).filter(|i| mesh.nodes[*i].x > beam.length - 1e-9);
-            let depths: Vec<f64> = end.map(|i| -u[i].z).collect();
-            depths.iter().sum::<f64>() / depths.len() as f64 / beam.tip()
-        };
-        let [a, b] = [
-            elements.equilibrium(&load, &held, 1e-10),
-            spring_equilibrium(&p, &load, &held, 1e-10),
-        ];
-        assert!(a.residual < 1e-9 && b.residual < 1e-9);
-        [tip(&a.x), tip(&b.x)]
+        beam.sunk(&gpu(), &mesh, &material).unwrap() / beam.tip(0.25)
     };
-    let [coarse, fine] = [tips(4), tips(8)];
+    let [coarse, fine] = [tip(4), tip(8)];
     // Second order in the cells' size.
-    let limit = fine[0] + (fine[0] - coarse[0]) / 3.0;
+    let limit = fine + (fine - coarse) / 3.0;
     println!("{coarse:?} {fine:?} {limit}");
-    assert!(coarse[0] < fine[0] && fine[0] < 0.99);
+    assert!(coarse < fine && fine < 0.99);
     assert!((limit - 1.0).abs() < 0.03, "{limit}");
+    // It can fail: the coarse bar alone is too stiff.
+    assert!((coarse - 1.0).abs() > 0.03, "{coarse}");
 }
 
 /// Runs the quick study of motion, on a scene or on its own.
