@@ -2,13 +2,13 @@
 //!
 //!     cargo run --release --example grid_body [-- SURFACE.stl OUT.png]
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::depth_field;
-use palpate::mesher::{ClosedSurface, SurfaceDomain};
-use palpate::physics::grid::{GridModel, GridShape};
+use palpate::mesher::SurfaceDomain;
+use palpate::physics::grid::GridModel;
 use palpate::physics::{EngineChoice, Grip, Material};
-use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
+use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
     let mut arguments = std::env::args().skip(1);
@@ -17,12 +17,10 @@ fn main() -> palpate::Result<()> {
     let out = arguments.next().unwrap_or("grid_body.png".into());
 
     let gpu = Gpu::new()?;
-    let surface = ClosedSurface::new(&palpate::io::read_surface(&file)?)?;
-    let domain = SurfaceDomain::new(vec![surface])?;
-    let shape = GridShape::carve_about(&domain, 5_000, DMat3::IDENTITY)?;
+    let inside = SurfaceDomain::read(&file)?;
     let mut material = Material::young(5e3);
     material.length_unit = 1e-3;
-    let model = GridModel::new(shape, &material)?;
+    let model = GridModel::carved(&inside, 5_000, &material)?;
     let mesh = model.shape.mesh(&model.springs)?;
     let mut body = EngineChoice::Auto.grid(&gpu, mesh, model)?;
 
@@ -48,7 +46,7 @@ fn main() -> palpate::Result<()> {
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let pixels = [480, 480];
     let camera = Camera::framing_for(body.mesh(), pixels);
-    let picture = raycaster.image(&camera, pixels, Mode::Composite)?;
+    let picture = raycaster.picture(&camera, pixels)?;
     picture.save(&out)?;
     println!("{out}");
     Ok(())

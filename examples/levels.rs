@@ -5,10 +5,9 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::Transfer;
-use palpate::mesher::{Recipe, Size};
 use palpate::physics::{EngineChoice, Material, Simulator, SolverKind};
 use palpate::render::Camera;
-use palpate::skin::{Carrier, Mapping, Skin};
+use palpate::skin::{Carrier, Skin};
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("levels.png".into());
@@ -16,12 +15,8 @@ fn main() -> palpate::Result<()> {
     let surface = palpate::io::read_surface(file)?;
     let gpu = Gpu::new()?;
     let [mut far, mut near] = [body(&gpu, file, 600)?, body(&gpu, file, 6_000)?];
-    let carrier = |body: &dyn Simulator| {
-        let nodes = body.nodes();
-        Carrier::of_mesh(&gpu, body.mesh(), nodes.array(), nodes.frame())
-    };
-    let mut skin = Skin::new(&gpu, &surface, &carrier(far.as_ref())?, Mapping::Auto)?;
-    let level = skin.add_level(&carrier(near.as_ref())?)?;
+    let mut skin = Skin::on(&gpu, &surface, far.as_ref())?;
+    let level = skin.add_level(&Carrier::of_body(&gpu, near.as_ref())?)?;
 
     far.run(15, 0.01)?;
     far.publish_now()?;
@@ -47,12 +42,7 @@ fn main() -> palpate::Result<()> {
 
 /// A body of about so many tets in the place of the surface, hanging to one side.
 fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<Box<dyn Simulator>> {
-    let recipe = Recipe {
-        input: vec![file.into()],
-        size: Some(Size::Tets(tets)),
-        ..Recipe::default()
-    };
-    let mesh = recipe.mesh(&|_, _| {})?.mesh;
+    let mesh = palpate::mesher::tets_in(file, tets)?;
     let mut material = Material::young(2e4);
     material.length_unit = 1e-3;
     let (low, high) = mesh.bounds();

@@ -6,7 +6,7 @@
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{depth_field, generate};
 use palpate::physics::{EngineChoice, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Mode, Raycaster, Target, TransferFunction};
+use palpate::render::{Camera, Geometry, Raycaster, Target, TransferFunction};
 
 fn main() -> anyhow::Result<()> {
     // What the program has already: an adapter, a device, a queue, a texture to show.
@@ -52,7 +52,7 @@ fn main() -> anyhow::Result<()> {
             occluder: None,
             background: Some([0.0, 0.0, 0.0, 1.0]),
         };
-        raycaster.record(&mut work, &camera, Mode::Composite, &target)?;
+        raycaster.record(&mut work, &camera, Default::default(), &target)?;
         drop(work);
         queue.submit([encoder.finish()]);
     }

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{depth_field, generate};
 use palpate::physics::{EngineChoice, Grip, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
+use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("pick.png".into());
@@ -41,7 +41,7 @@ fn main() -> palpate::Result<()> {
         body.run(2, 0.01)?;
     }
     body.publish_now()?;
-    let picture = raycaster.image(&camera, pixels, Mode::Composite)?;
+    let picture = raycaster.picture(&camera, pixels)?;
     picture.save(&out)?;
     println!("{out}");
     Ok(())

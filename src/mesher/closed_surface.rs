@@ -5,6 +5,7 @@ use crate::mesh::{SurfaceDescription, Tree, TriMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::f64::consts::PI;
+use std::path::Path;
 
 /// Subtrees whose centre is farther than this many times their radius count as one dipole.
 const FAR: f64 = 3.0;
@@ -200,6 +201,15 @@ impl SurfaceDomain {
                 "{n} surfaces cannot be meshed together; give 1 to 4096"
             ))),
         }
+    }
+
+    /// The inside of the closed surface in the file at `path`.
+    ///
+    /// # Errors
+    /// As [`read_surface`](crate::io::read_surface) and [`ClosedSurface::new`].
+    pub fn read(path: impl AsRef<Path>) -> Result<SurfaceDomain> {
+        let surface = crate::io::read_surface(path)?;
+        SurfaceDomain::new(vec![ClosedSurface::new(&surface)?])
     }
 
     /// The surfaces, the first being that of region 1.

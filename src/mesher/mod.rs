@@ -47,7 +47,7 @@ pub use label_domain::LabelDomain;
 pub use length::{Length, metres_in};
 pub use optimise::OptimiserReport;
 pub use pinches::PinchReport;
-pub use recipe::{Labels, Made, MadeRegion, Recipe, RecipeReport, Size};
+pub use recipe::{Labels, Made, MadeRegion, Recipe, RecipeReport, Size, tets_in};
 pub use report::{MeshReport, RegionReport};
 pub use tetgen::tetgen;
 pub use threshold_domain::ThresholdDomain;

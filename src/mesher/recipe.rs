@@ -99,6 +99,20 @@ pub struct MadeRegion {
     pub input_volume: Option<f64>,
 }
 
+/// A mesh of about `tets` tets in what the file at `path` holds: a closed surface, or a volume whose
+/// regions are labelled. For anything else there is [`Recipe`].
+///
+/// # Errors
+/// As [`Recipe::mesh`].
+pub fn tets_in(path: impl AsRef<Path>, tets: usize) -> Result<TetMesh> {
+    let recipe = Recipe {
+        input: vec![path.as_ref().to_path_buf()],
+        size: Some(Size::Tets(tets)),
+        ..Recipe::default()
+    };
+    Ok(recipe.mesh(&|_, _| {})?.mesh)
+}
+
 impl Recipe {
     /// Makes the mesh, telling `progress` what is being done.
     ///

@@ -214,7 +214,15 @@ impl Raycaster {
         self.record_window(work, camera, mode.into(), target, window)
     }
 
-    /// The picture of `camera`, of `size` pixels. Waits and reads back.
+    /// The picture of `camera`, of `size` pixels, as a volume. Waits and reads back.
+    ///
+    /// # Errors
+    /// As [`Raycaster::image`].
+    pub fn picture(&mut self, camera: &Camera, size: [u32; 2]) -> Result<Image> {
+        self.image(camera, size, Mode::Composite)
+    }
+
+    /// The picture of `camera` in `mode`, of `size` pixels. Waits and reads back.
     ///
     /// # Errors
     /// As [`Raycaster::record`]; and [`Error::Input`] when a ray enters more often than there are

@@ -4,8 +4,8 @@ use super::binder::triangles_around;
 use super::binding::Base;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
 use crate::mesh::{LocalFrame, TetMesh, Topology};
-use crate::physics::Nodes;
 use crate::physics::grid::GridBody;
+use crate::physics::{Nodes, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -137,6 +137,15 @@ impl Carrier {
         frame: LocalFrame,
     ) -> Result<Carrier> {
         Carrier::with_area_normals(gpu, positions, frame, &mesh.nodes, &boundary(mesh))
+    }
+
+    /// The boundary of a body that is simulated.
+    ///
+    /// # Errors
+    /// As [`Carrier::with_area_normals`].
+    pub fn of_body(gpu: &Gpu, body: &dyn Simulator) -> Result<Carrier> {
+        let nodes = body.nodes();
+        Carrier::of_mesh(gpu, body.mesh(), nodes.array(), nodes.frame())
     }
 
     /// A grid body, with the approximate normals that its steps make (equation 3): its particles

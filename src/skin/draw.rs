@@ -10,6 +10,7 @@ use super::report::SkinReport;
 use super::vertices::{Vertices, check};
 use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
+use crate::physics::Simulator;
 use crate::render::{
     Camera, Image, LocalView, SurfaceTarget, Window, attachment, averaged, depth_target,
     draw_in_tiles,
@@ -115,6 +116,14 @@ impl Skin {
             report,
             surface.fields,
         )
+    }
+
+    /// Binds `surface` to the boundary of `body`, which is at rest, each vertex by what suits it.
+    ///
+    /// # Errors
+    /// As [`Skin::new`].
+    pub fn on(gpu: &Gpu, surface: &TriMesh, body: &dyn Simulator) -> Result<Skin> {
+        Skin::new(gpu, surface, &Carrier::of_body(gpu, body)?, Mapping::Auto)
     }
 
     /// The body's own surface, or a part of it, drawn as it is: every vertex on its node. For a

@@ -2,10 +2,11 @@
 
 use super::shape::{GridShape, SPRING_KINDS, STEPS};
 use crate::mesh::{LocalFrame, TetMesh};
+use crate::mesher::Domain;
 use crate::physics::grid::plain::GridTwin;
 use crate::physics::{Energy, Material, MaterialModel, RegionMaterial, Stiffness};
 use crate::{Error, Result};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Particles of a [`GridShape`] made of a material.
 #[derive(Clone, Debug)]
@@ -31,6 +32,15 @@ pub struct GridModel {
 }
 
 impl GridModel {
+    /// About `particles` particles inside `domain`, made of `material`.
+    ///
+    /// # Errors
+    /// As [`GridShape::carve_about`] and [`GridModel::new`].
+    pub fn carved(domain: &dyn Domain, particles: usize, material: &Material) -> Result<GridModel> {
+        let shape = GridShape::carve_about(domain, particles, DMat3::IDENTITY)?;
+        GridModel::new(shape, material)
+    }
+
     /// The model of `shape` made of `material`. Each particle has the mass of one cell.
     ///
     /// Of Young's modulus: κ by kind such that the grid is isotropic with that modulus and a
