@@ -6,7 +6,7 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, components, depth_field, generate};
 use palpate::physics::{EngineChoice, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
+use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("cut.png".into());
@@ -41,7 +41,7 @@ fn main() -> palpate::Result<()> {
     let middle = DVec3::new(0.08, 0.03, 0.03);
     let eye = middle + DVec3::new(0.1, -0.5, 0.2);
     let camera = Camera::perspective(eye, middle, DVec3::Z, 16.0);
-    let picture = raycaster.image(&camera, [640, 400], Mode::Composite)?;
+    let picture = raycaster.picture(&camera, [640, 400])?;
     picture.save(&out)?;
     println!("{out}");
     Ok(())

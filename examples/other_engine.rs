@@ -6,7 +6,7 @@
 use glam::{DQuat, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{Location, generate};
-use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
+use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> anyhow::Result<()> {
     let folder = std::env::args().nth(1).unwrap_or("out/other_engine".into());
@@ -30,7 +30,7 @@ fn main() -> anyhow::Result<()> {
             .map(|p| frame.to_local(twist(*p)).extend(1.0).to_array())
             .collect();
         gpu.write_array(&positions, &moved)?;
-        let picture = raycaster.image(&camera, [400, 400], Mode::Composite)?;
+        let picture = raycaster.picture(&camera, [400, 400])?;
         picture.save(format!("{folder}/twist_{i}.png"))?;
     }
     println!("{folder}/twist_0.png to twist_4.png");

@@ -5,7 +5,7 @@
 use palpate::gpu::Gpu;
 use palpate::mesh::Location;
 use palpate::physics::{EngineChoice, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
+use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
     let mut arguments = std::env::args().skip(1);
@@ -30,9 +30,7 @@ fn main() -> palpate::Result<()> {
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let size = [800, 600];
     let camera = Camera::framing_for(body.mesh(), size);
-    raycaster
-        .image(&camera, size, Mode::Composite)?
-        .save(&out)?;
+    raycaster.picture(&camera, size)?.save(&out)?;
     println!("{out}");
     Ok(())
 }

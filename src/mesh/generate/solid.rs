@@ -37,6 +37,33 @@ pub(super) fn fill_solid(
     fill(&Solid { size, inside }, &options, &|_, _| {})
 }
 
+/// Which tets are of which bone so that no two bones share a node: as stiff ones, let alone rigid
+/// ones, they would be one. Of each tet of a mesh of so many nodes, `nearest` has the nearest bone
+/// and how far its surface is from the tet's middle, negative inside. At a node between bones the
+/// one that reaches deepest stays.
+pub(super) fn bones_apart(
+    tets: &[[u32; 4]],
+    nodes: usize,
+    nearest: &[(usize, f64)],
+) -> Vec<Option<usize>> {
+    let mut at_node: Vec<Option<(usize, f64)>> = vec![None; nodes];
+    for (tet, (bone, distance)) in tets.iter().zip(nearest) {
+        if *distance < 0.0 {
+            for v in tet {
+                let known = &mut at_node[*v as usize];
+                if known.is_none_or(|(_, deepest)| *distance < deepest) {
+                    *known = Some((*bone, *distance));
+                }
+            }
+        }
+    }
+    let of_tet = |(tet, (bone, distance)): (&[u32; 4], &(usize, f64))| {
+        let own = |v: &u32| at_node[*v as usize].is_some_and(|(b, _)| b == *bone);
+        (*distance < 0.0 && tet.iter().all(own)).then_some(*bone)
+    };
+    tets.iter().zip(nearest).map(of_tet).collect()
+}
+
 /// Below this number of tets the step is corrected by making the mesh.
 const TRIAL_BELOW: usize = 20_000;
 

@@ -6,6 +6,7 @@ mod mesh;
 mod pick;
 mod resume;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -314,6 +315,29 @@ fn the_demo_leaves_its_pictures_and_series() {
     ]));
     for file in ["rest.png", "bent.png", "bend.gif", "bend.pvd"] {
         assert!(folder.join(file).exists(), "{file}");
+    }
+}
+
+/// A newcomer meets few types: ten do every example.
+#[test]
+fn ten_types_do_every_example() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
+    for example in std::fs::read_dir(folder).unwrap() {
+        let path = example.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let imports = text.split("use palpate::").skip(1);
+        let words = imports.flat_map(|rest| {
+            let import = rest.split(';').next().unwrap_or_default();
+            import.split(|c: char| !c.is_alphanumeric())
+        });
+        let types: BTreeSet<&str> = words
+            .filter(|w| w.starts_with(|c: char| c.is_uppercase()))
+            .collect();
+        assert!(
+            (1..=10).contains(&types.len()),
+            "{}: {types:?}",
+            path.display()
+        );
     }
 }
 

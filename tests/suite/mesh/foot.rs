@@ -1,7 +1,7 @@
 //! The foot phantom: one sound piece at every resolution, with 26 bones apart from each other in
 //! flesh, and the surfaces of these bones.
 
-use crate::mesh::support::check_generated;
+use crate::mesh::support::{check_generated, rigid_pieces};
 use glam::DVec3;
 use palpate::mesh::generate::{FOOT_BONES, foot, foot_bones};
 use palpate::mesh::{Location, QualityReport, Topology, components};
@@ -40,6 +40,8 @@ fn every_bone_has_a_name_and_tets_inside_flesh_and_apart_from_its_neighbours() {
         assert!(count.get(l).is_some_and(|n| *n >= 8), "{name}: {count:?}");
     }
     assert_eq!(count.len(), 27);
+    let bones = rigid_pieces(&mesh, (2..=27).collect());
+    assert_eq!(bones.len(), 26, "no two share a node: {bones:?}");
     assert!(FOOT_BONES.iter().all(|b| b.ends_with(" bone")));
     assert_eq!(
         FOOT_BONES.iter().filter(|b| b.contains("phalanx")).count(),

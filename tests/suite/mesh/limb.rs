@@ -1,6 +1,6 @@
 //! The limb phantom: one sound piece at every resolution, with all of its tissues and digits.
 
-use crate::mesh::support::check_generated;
+use crate::mesh::support::{check_generated, rigid_pieces};
 use glam::DVec3;
 use palpate::mesh::generate::{TISSUES, limb};
 use palpate::mesh::{Location, QualityReport, TetMesh, Topology, components};
@@ -54,6 +54,17 @@ fn a_limb_is_one_sound_piece_with_all_tissues_at_any_resolution() {
             );
         }
     }
+}
+
+/// Two of the forearm, seven of the wrist, nineteen of the digits.
+#[test]
+fn the_bones_of_a_limb_stand_apart() {
+    let mesh = limb(30_000).unwrap();
+    let bones = TISSUES[5..].iter().map(|t| i64::from(t.label));
+    let bones = rigid_pieces(&mesh, bones.collect());
+    assert!(bones.iter().filter(|n| **n > 8).count() == 28, "{bones:?}");
+    // It can fail: with cartilage they are fewer.
+    assert!(rigid_pieces(&mesh, [5, 6, 7].into()).len() < 10);
 }
 
 #[test]

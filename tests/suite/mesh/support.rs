@@ -1,7 +1,21 @@
 //! What every mesh must satisfy, said once.
 
 use palpate::mesh::{NO_NEIGHBOUR, TetMesh, Topology};
-use std::collections::HashMap;
+use palpate::physics::{Material, MaterialModel, SpringNetwork};
+use std::collections::{BTreeSet, HashMap};
+
+/// How many nodes each of the bodies has that the tets of `labels` are, if those are rigid.
+pub fn rigid_pieces(mesh: &TetMesh, labels: BTreeSet<i64>) -> Vec<usize> {
+    let material = Material {
+        model: MaterialModel::NeoHookean,
+        region_field: Some("label".into()),
+        rigid: labels,
+        ..Material::young(1e5)
+    };
+    let network = SpringNetwork::new(mesh, &material).unwrap();
+    let bodies = network.elements.rigid.iter();
+    bodies.map(|b| b.nodes.len()).collect()
+}
 
 /// Volume enclosed by the boundary, by the divergence theorem.
 pub fn enclosed_volume(mesh: &TetMesh, topology: &Topology) -> f64 {

@@ -7,7 +7,7 @@ mod anatomy;
 
 pub use anatomy::FOOT_BONES;
 
-use super::solid::{fill_solid, lattice_step};
+use super::solid::{bones_apart, fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
 use crate::mesher::Filling;
 use crate::volume::{Raw, Volume};
@@ -50,7 +50,8 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// Hounsfield units; in the cell field `label` 1 is flesh and 2 to 27 are the [`FOOT_BONES`], by
 /// name in the mesh's regions. From some 30,000 tets on every bone has tets of its own and the
 /// toes stand apart; with fewer the smallest bones may have none. Deterministic; dihedral angles
-/// stay above 5°. `data/limb.json` is a transfer function for it.
+/// stay above 5°. No two bones share a node: between them lies flesh. `data/limb.json` is a transfer
+/// function for it.
 ///
 /// # Errors
 /// Fewer than 2,000 tets, or more than 32-bit indices hold.
@@ -73,16 +74,17 @@ pub fn foot(tets: usize) -> Result<TetMesh> {
             f64::from(intensity(outside, bone, step) as f32)
         })
         .collect();
-    let label = tets
+    let nearest: Vec<(usize, f64)> = tets
         .par_iter()
         .map(|tet| {
             let p = tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
             let (_, nearest, distance) = anatomy.distances(p);
-            match distance < 0.0 {
-                true => (nearest + 2) as f64,
-                false => f64::from(FLESH),
-            }
+            (nearest, distance)
         })
+        .collect();
+    let label = bones_apart(&tets, nodes.len(), &nearest)
+        .into_iter()
+        .map(|bone| bone.map_or(f64::from(FLESH), |bone| (bone + 2) as f64))
         .collect();
     let fields = vec![
         Field {

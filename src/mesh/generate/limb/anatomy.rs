@@ -24,6 +24,8 @@ pub(super) struct Distances {
     pub cartilage: f64,
     /// To the outer surface of the nearest bone.
     pub bone: f64,
+    /// Which bone that is.
+    pub nearest: usize,
     /// To its marrow.
     pub marrow: f64,
 }
@@ -330,12 +332,15 @@ impl Anatomy {
                 .fold(f64::INFINITY, f64::min)
         };
         let (mut bone, mut marrow) = (f64::INFINITY, f64::INFINITY);
-        for b in &self.bones {
+        let mut nearest_bone = 0;
+        for (n, b) in self.bones.iter().enumerate() {
             let distance = match &b.shape {
                 BoneShape::Long(long) => long.distance(p),
                 BoneShape::Round { centre, radii } => ellipsoid(p, *centre, *radii),
             };
-            bone = bone.min(distance);
+            if distance < bone {
+                (bone, nearest_bone) = (distance, n);
+            }
             marrow = marrow.min(distance + b.cortex);
         }
         let joint = self
@@ -350,6 +355,7 @@ impl Anatomy {
             tendon: nearest(&self.tendons).max(skin + 0.0024),
             cartilage: (bone - CARTILAGE).max(joint),
             bone,
+            nearest: nearest_bone,
             marrow,
         }
     }

@@ -5,7 +5,7 @@
 
 mod anatomy;
 
-use super::solid::{fill_solid, lattice_step};
+use super::solid::{bones_apart, fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::Filling;
 use crate::{Error, Result};
@@ -73,7 +73,8 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// z to the back of the hand. The node field `intensity` resembles a CT scan in Hounsfield
 /// units, the cell field `label` holds the labels of [`TISSUES`]. The digits stand apart from
 /// some 10,000 tets on; with fewer their lower parts may join. Deterministic; dihedral angles
-/// stay above 5°. `data/limb.json` is a transfer function for it.
+/// stay above 5°. No two bones share a node: between them lies cartilage. `data/limb.json` is a
+/// transfer function for it.
 ///
 /// # Errors
 /// Fewer than 2,000 tets, or more than 32-bit indices hold.
@@ -94,12 +95,16 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
         // The field is written as 32-bit numbers.
         .map(|value| f64::from(value as f32))
         .collect();
-    let label = tets
+    let middle = |tet: &[u32; 4]| tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
+    let distances: Vec<Distances> = tets
         .par_iter()
-        .map(|tet| {
-            let p = tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
-            f64::from(label(&anatomy.distances(p), step * scale(p.x)))
-        })
+        .map(|tet| anatomy.distances(middle(tet)))
+        .collect();
+    let nearest: Vec<(usize, f64)> = distances.iter().map(|d| (d.nearest, d.bone)).collect();
+    let bones = bones_apart(&tets, nodes.len(), &nearest);
+    let labels = tets.iter().zip(&distances).zip(&bones);
+    let label = labels
+        .map(|((tet, d), bone)| f64::from(label(d, bone.is_some(), step * scale(middle(tet).x))))
         .collect();
     let fields = vec![
         Field {
@@ -185,16 +190,17 @@ fn intensity(d: &Distances, cell: f64) -> f64 {
     })
 }
 
-/// The label of a tet whose centroid lies as `d` says, for a mesh of cell size `cell`.
-fn label(d: &Distances, cell: f64) -> u8 {
+/// The label of a tet whose centroid lies as `d` says, part of a bone or not, for a mesh of cell
+/// size `cell`.
+fn label(d: &Distances, bone: bool, cell: f64) -> u8 {
     let [skin, fat, muscle, tendon, cartilage, cortical, marrow] = TISSUES.map(|t| t.label);
     // The skin is thinner than the cells of a coarse mesh: there, the outermost tets are skin.
     let skin_depth = SKIN.max(0.22 * cell);
-    if d.marrow < 0.0 {
+    if bone && d.marrow < 0.0 {
         marrow
-    } else if d.bone < 0.0 {
+    } else if bone {
         cortical
-    } else if d.cartilage < 0.0 {
+    } else if d.bone < 0.0 || d.cartilage < 0.0 {
         cartilage
     } else if d.skin > -skin_depth {
         skin
