@@ -8,10 +8,10 @@ mod anatomy;
 use super::solid::{fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::Filling;
+use crate::parallel;
 use crate::{Error, Result};
 use anatomy::{Anatomy, Distances};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// A tissue of the [`limb`] phantom.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,19 +88,15 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
         Ok(fill(&anatomy, step)?.tets.len())
     })?;
     let Filling { nodes, tets, .. } = fill(&anatomy, step)?;
-    let intensity = nodes
-        .par_iter()
-        .map(|p| intensity(&anatomy.distances(*p), step * scale(p.x)))
+    let intensity = parallel::map(nodes.len(), |v| {
+        let p = nodes[v];
         // The field is written as 32-bit numbers.
-        .map(|value| f64::from(value as f32))
-        .collect();
-    let label = tets
-        .par_iter()
-        .map(|tet| {
-            let p = tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
-            f64::from(label(&anatomy.distances(p), step * scale(p.x)))
-        })
-        .collect();
+        f64::from(intensity(&anatomy.distances(p), step * scale(p.x)) as f32)
+    });
+    let label = parallel::map(tets.len(), |t| {
+        let p = tets[t].iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
+        f64::from(label(&anatomy.distances(p), step * scale(p.x)))
+    });
     let fields = vec![
         Field {
             scalar_type: ScalarType::F32,
