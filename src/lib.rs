@@ -13,6 +13,7 @@ pub mod gpu;
 pub mod io;
 pub mod mesh;
 pub mod mesher;
+pub(crate) mod parallel;
 pub mod physics;
 pub mod render;
 pub mod scene;

@@ -1,8 +1,8 @@
 //! How far a body gives under loads, in float64 and for small displacements.
 
+use crate::parallel;
 use crate::physics::SpringNetwork;
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 /// Most iterations of conjugate gradients.
 const ITERATIONS: usize = 3000;
@@ -87,7 +87,7 @@ impl<'a> Held<'a> {
                 .map(|(j, b)| *b * b.dot(own - p[*j as usize]))
                 .sum::<DVec3>()
         };
-        (0..p.len()).into_par_iter().map(row).collect()
+        parallel::map(p.len(), row)
     }
 
     /// Where the body gives way to under `loads`, from the guess `start` on.
@@ -106,7 +106,7 @@ impl<'a> Held<'a> {
                 .collect()
         };
         let precondition = |r: &[DVec3]| -> Vec<DVec3> {
-            let parts = r.par_iter().zip(&self.inverse);
+            let parts = r.iter().zip(&self.inverse);
             parts.map(|(r, m)| *m * *r).collect()
         };
         let load = masked(load);

@@ -4,11 +4,11 @@
 use super::scalar;
 use super::vtk_regions::{self, Values};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::parallel;
 use crate::{Error, Result};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::io::Write;
 use std::path::Path;
 
@@ -171,13 +171,14 @@ fn array(
         escaped(name),
         appended.len()
     );
-    let blocks: Vec<Vec<u8>> = data
-        .par_chunks(BLOCK)
-        .map(|block| {
-            let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
-            encoder.write_all(block)?;
-            encoder.finish()
-        })
+    let blocks: Vec<&[u8]> = data.chunks(BLOCK).collect();
+    let blocks = parallel::map_heavy(blocks.len(), |b| {
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
+        encoder.write_all(blocks[b])?;
+        encoder.finish()
+    });
+    let blocks: Vec<Vec<u8>> = blocks
+        .into_iter()
         .collect::<std::io::Result<_>>()
         .map_err(|e| Error::Input(format!("array \"{name}\" cannot be compressed: {e}")))?;
     let last = data.len() % BLOCK;

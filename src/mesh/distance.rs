@@ -1,8 +1,8 @@
 //! How deep below the boundary the nodes lie: a field for meshes that come without one.
 
 use super::{BoundaryFace, Field, Location, TetMesh, Topology};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Name of the field of [`depth_field`].
 pub const DEPTH: &str = "depth";
@@ -22,12 +22,10 @@ pub fn depth_field(mesh: &TetMesh, topology: &Topology) -> Field {
         }
     }
     let tree = Tree::new(triangles);
-    let depth = mesh
-        .nodes
-        .par_iter()
-        .zip(&on_boundary)
-        .map(|(p, on)| if *on { 0.0 } else { tree.distance(*p) })
-        .collect();
+    let depth = parallel::map(mesh.nodes.len(), |v| match on_boundary[v] {
+        true => 0.0,
+        false => tree.distance(mesh.nodes[v]),
+    });
     Field::scalar(DEPTH, Location::Node, depth)
 }
 

@@ -2,8 +2,9 @@
 //! keeps the caches of a raycaster warm.
 
 use super::TetMesh;
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
 /// Bits of the Morton code along each axis; three of them fit 64 bits.
 const BITS: u32 = 21;
@@ -17,13 +18,10 @@ pub fn morton_order(mesh: &TetMesh) -> Vec<u32> {
     let extent = (high - low).max_element();
     let cells = ((1u64 << BITS) - 1) as f64;
     let scale = if extent > 0.0 { cells / extent } else { 0.0 };
-    let mut keyed: Vec<(u64, u32)> = (0..mesh.tets.len())
-        .into_par_iter()
-        .map(|t| {
-            let centroid = mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0;
-            (morton_code((centroid - low) * scale), t as u32)
-        })
-        .collect();
+    let mut keyed = parallel::map(mesh.tets.len(), |t| {
+        let centroid = mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0;
+        (morton_code((centroid - low) * scale), t as u32)
+    });
     keyed.par_sort_unstable();
     keyed.into_iter().map(|(_, t)| t).collect()
 }

@@ -1,8 +1,8 @@
 //! The shape of tets: dihedral angles, a quality from 0 to 1, the worst of them.
 
 use super::{FACES, TET_EDGES, TetMesh, signed_volume};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Tets of a quality below this are counted as slivers.
 pub const SLIVER: f64 = 0.01;
@@ -99,13 +99,10 @@ impl QualityReport {
     /// Measures every tet of `mesh`, in parallel.
     pub fn new(mesh: &TetMesh) -> QualityReport {
         let chunk = 4096;
-        let parts: Vec<QualityReport> = (0..mesh.tets.len().div_ceil(chunk))
-            .into_par_iter()
-            .map(|c| {
-                let end = mesh.tets.len().min((c + 1) * chunk);
-                QualityReport::of(mesh, c * chunk..end)
-            })
-            .collect();
+        let parts = parallel::map_heavy(mesh.tets.len().div_ceil(chunk), |c| {
+            let end = mesh.tets.len().min((c + 1) * chunk);
+            QualityReport::of(mesh, c * chunk..end)
+        });
         let mut whole = QualityReport::empty();
         // Added in the order of the tets, so that the mean does not depend on the threads.
         for part in parts {

@@ -1,8 +1,9 @@
 //! Smoothing of surfaces.
 
 use super::TriMesh;
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
 /// The shrinking step, and the growing one that undoes what it does to large shapes.
 const STEPS: [f64; 2] = [0.5, -0.53];
@@ -17,17 +18,14 @@ impl TriMesh {
         let mut surface = self.clone();
         for step in (0..rounds).flat_map(|_| STEPS) {
             let places = &surface.vertices;
-            surface.vertices = (0..places.len())
-                .into_par_iter()
-                .map(|v| {
-                    let around = neighbours.of(v);
-                    if around.is_empty() {
-                        return places[v];
-                    }
-                    let sum: DVec3 = around.iter().map(|n| places[*n as usize]).sum();
-                    places[v].lerp(sum / around.len() as f64, step)
-                })
-                .collect();
+            surface.vertices = parallel::map(places.len(), |v| {
+                let around = neighbours.of(v);
+                if around.is_empty() {
+                    return places[v];
+                }
+                let sum: DVec3 = around.iter().map(|n| places[*n as usize]).sum();
+                places[v].lerp(sum / around.len() as f64, step)
+            });
         }
         surface
     }

@@ -1,9 +1,9 @@
 //! Values at the nodes of one mesh carried over to points of another.
 
 use super::{TetMesh, Topology, Tree, bounds, signed_volume};
+use crate::parallel;
 use crate::{Error, Result};
 use glam::{DVec3, UVec3};
-use rayon::prelude::*;
 
 /// Carries what is linear in the tets of a mesh over to given points: positions and velocities
 /// from one body to another of the same shape but another resolution.
@@ -54,14 +54,15 @@ impl Transfer {
             ));
         }
         let (tree, grid) = (Tree::new(triangles), Grid::new(mesh));
-        let share = |p: &DVec3| {
-            let outside = || tree.nearest(*p).map_or(0, |(f, _)| faces[f]);
-            let tet = grid.tet_at(mesh, *p).unwrap_or_else(outside);
-            (mesh.tets[tet as usize], weights(mesh, tet, *p))
+        let share = |n: usize| {
+            let p = points[n];
+            let outside = || tree.nearest(p).map_or(0, |(f, _)| faces[f]);
+            let tet = grid.tet_at(mesh, p).unwrap_or_else(outside);
+            (mesh.tets[tet as usize], weights(mesh, tet, p))
         };
         Ok(Transfer {
             nodes: mesh.nodes.len(),
-            shares: points.par_iter().map(share).collect(),
+            shares: parallel::map(points.len(), share),
         })
     }
 

@@ -4,8 +4,9 @@
 use super::domain::{Sampler, Weighed};
 use super::lattice::LatticeMesh;
 use crate::mesh::TET_EDGES;
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
 /// A point is moved when a long edge (along an axis) is cut within this part of its length.
 const SNAP_LONG: f64 = 0.24999;
@@ -45,15 +46,14 @@ pub(super) struct Sampled {
 
 impl Sampled {
     pub(super) fn new(domain: Weighed, lattice: &LatticeMesh) -> Sampled {
-        let points = lattice.positions.par_iter().zip(&lattice.known);
-        let sampled = points.map_init(
-            || Sampler::new(domain),
-            |sampler, (p, known)| match known {
-                Some(region) => (*region, Box::default()),
-                None => sampler.region_and_weights(*p),
-            },
-        );
-        let (region, weights) = sampled.unzip();
+        let sampled = parallel::collect(lattice.positions.len(), |range, sampled| {
+            let mut sampler = Sampler::new(domain);
+            sampled.extend(range.map(|p| match lattice.known[p] {
+                Some(region) => (region, Box::default()),
+                None => sampler.region_and_weights(lattice.positions[p]),
+            }));
+        });
+        let (region, weights) = sampled.into_iter().unzip();
         Sampled { region, weights }
     }
 }
@@ -61,36 +61,30 @@ impl Sampled {
 impl CutLattice {
     pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, points: Sampled) -> CutLattice {
         let Sampled { region, weights } = points;
-        let mut edges: Vec<[u32; 2]> = lattice
-            .tets
-            .par_iter()
-            .flat_map_iter(|tet| {
-                let region = &region;
-                TET_EDGES.into_iter().filter_map(move |[i, j]| {
+        let mut edges = parallel::collect(lattice.tets.len(), |range, edges| {
+            for tet in &lattice.tets[range] {
+                edges.extend(TET_EDGES.into_iter().filter_map(|[i, j]| {
                     let (a, b) = (tet[i], tet[j]);
                     let cut = region[a as usize] != region[b as usize];
                     cut.then_some([a.min(b), a.max(b)])
-                })
-            })
-            .collect();
+                }));
+            }
+        });
         edges.par_sort_unstable();
         edges.dedup();
-        let cuts: Vec<f64> = edges
-            .par_iter()
-            .map_init(
-                || Sampler::new(domain),
-                |sampler, edge| {
-                    let points = edge.map(|p| lattice.positions[p as usize]);
-                    let [a, b] = edge.map(|p| region[p as usize]);
-                    let mut excess = |end: usize| match &*weights[edge[end] as usize] {
-                        [] => sampler.excess(points[end], a, b),
-                        known => sampler.excess_of(known, a, b),
-                    };
-                    let ends = [excess(0), excess(1)];
-                    crossing(sampler, points, [a, b], ends)
-                },
-            )
-            .collect();
+        let cuts = parallel::collect(edges.len(), |range, cuts| {
+            let mut sampler = Sampler::new(domain);
+            for edge in &edges[range] {
+                let points = edge.map(|p| lattice.positions[p as usize]);
+                let [a, b] = edge.map(|p| region[p as usize]);
+                let mut excess = |end: usize| match &*weights[edge[end] as usize] {
+                    [] => sampler.excess(points[end], a, b),
+                    known => sampler.excess_of(known, a, b),
+                };
+                let ends = [excess(0), excess(1)];
+                cuts.push(crossing(&mut sampler, points, [a, b], ends));
+            }
+        });
         let mut whole = CutLattice {
             sides: vec![[0; 2]; region.len()],
             region,

@@ -2,8 +2,9 @@
 
 use super::stencil::Piece;
 use crate::mesh::{FACES, Groups, signed_volume};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 use std::collections::BTreeMap;
 
 /// The islands of one region.
@@ -35,17 +36,15 @@ fn dissolve_once(
     least: f64,
     reports: &mut BTreeMap<u16, IslandReport>,
 ) -> bool {
-    let mut faces: Vec<([u32; 3], u32)> = pieces
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(t, (tet, _))| {
-            FACES.map(|f| {
-                let mut face = f.map(|i| tet[i]);
+    let mut faces = parallel::collect(pieces.len(), |range, faces| {
+        for t in range {
+            faces.extend(FACES.map(|f| {
+                let mut face = f.map(|i| pieces[t].0[i]);
                 face.sort_unstable();
                 (face, t as u32)
-            })
-        })
-        .collect();
+            }));
+        }
+    });
     faces.par_sort_unstable();
     let mut groups = Groups::new(pieces.len());
     // Faces between two regions, or a region and what lies beyond the tets there are.

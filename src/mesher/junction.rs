@@ -6,8 +6,9 @@ use super::domain::{Sampler, Weighed};
 use super::lattice::LatticeMesh;
 use super::stencil::Corners;
 use crate::mesh::FACES;
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
 /// The least barycentric coordinates of the points in faces and in tets: as far as they are kept
 /// from the sides.
@@ -35,49 +36,42 @@ pub(super) fn face_key(mut face: [u32; 3]) -> [u32; 3] {
 impl Junctions {
     pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, cut: &CutLattice) -> Junctions {
         let region = |p: u32| cut.region[p as usize];
-        let tets: Vec<u32> = (0..lattice.tets.len() as u32)
-            .into_par_iter()
-            .filter(|t| {
-                let tet = lattice.tets[*t as usize];
+        let tets = parallel::collect(lattice.tets.len(), |range, tets| {
+            let has_middle = |t: &usize| {
+                let tet = lattice.tets[*t];
                 let first = region(tet[0]);
                 tet.iter().any(|p| region(*p) != first)
                     && Corners::of(cut, tet).need_middle(lattice)
-            })
-            .collect();
-        let mut faces: Vec<[u32; 3]> = lattice
-            .tets
-            .par_iter()
-            .flat_map_iter(|tet| {
-                let faces = FACES.map(|f| f.map(|i| tet[i]));
-                faces.into_iter().filter_map(move |face| {
+            };
+            tets.extend(range.filter(has_middle).map(|t| t as u32));
+        });
+        let mut faces = parallel::collect(lattice.tets.len(), |range, faces| {
+            for tet in &lattice.tets[range] {
+                let around = FACES.map(|f| f.map(|i| tet[i]));
+                faces.extend(around.into_iter().filter_map(|face| {
                     let [a, b, c] = face.map(region);
                     let differ = a != b && b != c && c != a;
                     (differ && ![a, b, c].contains(&ON_BOUNDARY)).then(|| face_key(face))
-                })
-            })
-            .collect();
+                }));
+            }
+        });
         faces.par_sort_unstable();
         faces.dedup();
         let mut whole = Junctions {
-            points: faces
-                .par_iter()
-                .map_init(
-                    || Sampler::new(domain),
-                    |sampler, face| {
-                        let corners = face.map(|p| cut.positions[p as usize]);
-                        meeting_point(sampler, corners, face.map(region))
-                    },
-                )
-                .collect(),
+            points: parallel::collect(faces.len(), |range, points| {
+                let mut sampler = Sampler::new(domain);
+                points.extend(faces[range].iter().map(|face| {
+                    let corners = face.map(|p| cut.positions[p as usize]);
+                    meeting_point(&mut sampler, corners, face.map(region))
+                }));
+            }),
             faces,
             tets,
             first: cut.positions.len() + cut.cuts.len(),
         };
-        let inside: Vec<DVec3> = whole
-            .tets
-            .par_iter()
-            .map(|t| whole.inside(lattice, cut, lattice.tets[*t as usize]))
-            .collect();
+        let inside = parallel::map(whole.tets.len(), |n| {
+            whole.inside(lattice, cut, lattice.tets[whole.tets[n] as usize])
+        });
         whole.points.extend(inside);
         whole
     }

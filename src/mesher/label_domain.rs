@@ -1,10 +1,10 @@
 //! The labels of a volume as a domain.
 
 use super::{Domain, RegionVolume};
+use crate::parallel;
 use crate::volume::Volume;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Bricks of voxels that are not all of one region.
@@ -104,10 +104,8 @@ impl LabelDomain {
         let none = || vec![0usize; self.voxels.len()];
         let outside = vec![0u16; nx];
         let row = |n: usize| &self.regions[n * nx..(n + 1) * nx];
-        let rows = (0..ny * nz).into_par_iter().with_min_len(64);
-        rows.fold(none, |mut faces, n| {
-            let own = row(n);
-            let (j, k) = (n % ny, n / ny);
+        let counts = parallel::collect(ny * nz, |rows, counts| {
+            let mut faces = none();
             let mut between = |a: &[u16], b: &[u16]| {
                 // Most rows are alike.
                 if a == b {
@@ -118,20 +116,24 @@ impl LabelDomain {
                     faces[usize::from(*b)] += 1;
                 }
             };
-            between(own, if j > 0 { row(n - 1) } else { &outside });
-            between(own, if k > 0 { row(n - ny) } else { &outside });
-            if j + 1 == ny {
-                between(own, &outside);
+            for n in rows {
+                let own = row(n);
+                let (j, k) = (n % ny, n / ny);
+                between(own, if j > 0 { row(n - 1) } else { &outside });
+                between(own, if k > 0 { row(n - ny) } else { &outside });
+                if j + 1 == ny {
+                    between(own, &outside);
+                }
+                if k + 1 == nz {
+                    between(own, &outside);
+                }
+                between(&own[1..], &own[..nx - 1]);
+                between(&own[..1], &outside[..1]);
+                between(&own[nx - 1..], &outside[..1]);
             }
-            if k + 1 == nz {
-                between(own, &outside);
-            }
-            between(&own[1..], &own[..nx - 1]);
-            between(&own[..1], &outside[..1]);
-            between(&own[nx - 1..], &outside[..1]);
-            faces
-        })
-        .reduce(none, |mut a, b| {
+            counts.push(faces);
+        });
+        counts.into_iter().fold(none(), |mut a, b| {
             a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
             a
         })
@@ -158,24 +160,20 @@ impl LabelDomain {
         let (mut size, mut below) = (self.size, &self.regions);
         while size.iter().any(|n| *n > 1) {
             let half = size.map(|n| n.div_ceil(2));
-            let bricks: Vec<u16> = (0..half.iter().product::<usize>())
-                .into_par_iter()
-                .with_min_len(1024)
-                .map(|b| {
-                    let at = [b % half[0], b / half[0] % half[1], b / half[0] / half[1]];
-                    let mut found = None;
-                    for n in 0..8 {
-                        let [i, j, k] = [0, 1, 2].map(|a| 2 * at[a] + (n >> a & 1));
-                        if i < size[0] && j < size[1] && k < size[2] {
-                            let region = below[i + size[0] * (j + size[1] * k)];
-                            if *found.get_or_insert(region) != region {
-                                return MIXED;
-                            }
+            let bricks = parallel::map(half.iter().product(), |b| {
+                let at = [b % half[0], b / half[0] % half[1], b / half[0] / half[1]];
+                let mut found = None;
+                for n in 0..8 {
+                    let [i, j, k] = [0, 1, 2].map(|a| 2 * at[a] + (n >> a & 1));
+                    if i < size[0] && j < size[1] && k < size[2] {
+                        let region = below[i + size[0] * (j + size[1] * k)];
+                        if *found.get_or_insert(region) != region {
+                            return MIXED;
                         }
                     }
-                    found.unwrap_or(0)
-                })
-                .collect();
+                }
+                found.unwrap_or(0)
+            });
             self.bricks.push((half, bricks));
             size = half;
             below = match self.bricks.last() {
@@ -300,20 +298,20 @@ impl Domain for LabelDomain {
 
 /// The box, half a voxel beyond the voxels of any region; the lower corner above the upper when
 /// there are none.
-fn extent(regions: &[u16], [nx, ny, _]: [usize; 3]) -> (DVec3, DVec3) {
+fn extent(regions: &[u16], [nx, ny, nz]: [usize; 3]) -> (DVec3, DVec3) {
+    let of_row = |row: usize| {
+        let voxels = &regions[row * nx..(row + 1) * nx];
+        let first = voxels.iter().position(|r| *r != 0)?;
+        let last = voxels.iter().rposition(|r| *r != 0)?;
+        let (j, k) = ((row % ny) as f64, (row / ny) as f64);
+        let low = DVec3::new(first as f64, j, k) - 0.5;
+        let high = DVec3::new(last as f64, j, k) + 0.5;
+        Some((low, high))
+    };
+    let boxes = parallel::collect(ny * nz, |rows, boxes| boxes.extend(rows.filter_map(of_row)));
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    regions
-        .par_chunks(nx.max(1))
-        .enumerate()
-        .filter_map(|(row, voxels)| {
-            let first = voxels.iter().position(|r| *r != 0)?;
-            let last = voxels.iter().rposition(|r| *r != 0)?;
-            let (j, k) = ((row % ny) as f64, (row / ny) as f64);
-            let low = DVec3::new(first as f64, j, k) - 0.5;
-            let high = DVec3::new(last as f64, j, k) + 0.5;
-            Some((low, high))
-        })
-        .reduce(|| none, |a, b| (a.0.min(b.0), a.1.max(b.1)))
+    let boxes = boxes.into_iter();
+    boxes.fold(none, |a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
 /// The box with sides along the axes around the image of a box.

@@ -8,9 +8,9 @@
 
 use super::keys::KeyMap;
 use super::octree::{Lattice, Leaf, Octree, key, side};
+use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// The corners of the face of a leaf on the upper side of an axis, run around.
 const AROUND: [[u32; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
@@ -59,20 +59,17 @@ impl LatticeMesh {
             own: &own,
             index: &index,
         };
-        let chunks: Vec<Vec<[u32; 4]>> = (0..tree.leaves.len())
-            .into_par_iter()
-            .with_min_len(256)
-            .fold(Vec::new, |mut tets, l| {
-                between.tets_of(l as u32, &mut tets);
-                tets
-            })
-            .collect();
-        let positions = points.par_iter().map(|p| tree.position(*p)).collect();
+        let tets = parallel::collect(tree.leaves.len(), |range, tets| {
+            for l in range {
+                between.tets_of(l as u32, tets);
+            }
+        });
+        let positions = points.iter().map(|p| tree.position(*p)).collect();
         Ok(LatticeMesh {
             points,
             positions,
             known,
-            tets: chunks.concat(),
+            tets,
         })
     }
 

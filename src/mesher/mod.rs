@@ -53,6 +53,7 @@ pub use tetgen::tetgen;
 pub use threshold_domain::ThresholdDomain;
 pub use window::Window;
 
+use crate::parallel;
 use crate::{Error, Result};
 use cut::{CutLattice, Sampled};
 use domain::{Sampler, Weighed};
@@ -60,7 +61,6 @@ use glam::DVec3;
 use junction::Junctions;
 use lattice::LatticeMesh;
 use octree::Octree;
-use rayon::prelude::*;
 use spacing::find_spacing;
 use stencil::{Piece, Stencils};
 
@@ -235,19 +235,12 @@ fn divide(
         junctions: &junctions,
         nodes: &nodes,
     };
-    let pieces: Vec<Vec<Piece>> = (0..lattice.tets.len() as u32)
-        .into_par_iter()
-        .with_min_len(1024)
-        .fold(
-            || (Sampler::new(domain), Vec::new()),
-            |(mut sampler, mut pieces), t| {
-                stencils.divide(t, &mut sampler, &mut pieces);
-                (sampler, pieces)
-            },
-        )
-        .map(|(_, pieces)| pieces)
-        .collect();
-    let pieces = pieces.concat();
+    let pieces = parallel::collect(lattice.tets.len(), |range, pieces| {
+        let mut sampler = Sampler::new(domain);
+        for t in range {
+            stencils.divide(t as u32, &mut sampler, pieces);
+        }
+    });
     (nodes, pieces)
 }
 

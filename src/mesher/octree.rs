@@ -3,9 +3,10 @@
 
 use super::Domain;
 use super::keys::KeyMap;
+use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Bits of a lattice coordinate; three of them fit 64.
@@ -88,24 +89,21 @@ impl Octree {
             half: 0.5 * edge,
         };
         let made = AtomicUsize::new(0);
-        let leaves: Vec<Vec<Leaf>> = (0..blocks.iter().product::<usize>())
-            .into_par_iter()
-            .map(|b| {
-                let block = [
-                    b % blocks[0],
-                    b / blocks[0] % blocks[1],
-                    b / blocks[0] / blocks[1],
-                ];
-                let root = Leaf {
-                    corner: block.map(|i| i as u32 * side(top)),
-                    level: top,
-                    region: None,
-                };
-                let mut leaves = Vec::new();
-                tree.divide(domain, root, levels, &made, &mut leaves);
-                leaves
-            })
-            .collect();
+        let leaves = parallel::map_heavy(blocks.iter().product(), |b| {
+            let block = [
+                b % blocks[0],
+                b / blocks[0] % blocks[1],
+                b / blocks[0] / blocks[1],
+            ];
+            let root = Leaf {
+                corner: block.map(|i| i as u32 * side(top)),
+                level: top,
+                region: None,
+            };
+            let mut leaves = Vec::new();
+            tree.divide(domain, root, levels, &made, &mut leaves);
+            leaves
+        });
         if made.into_inner() > MAX_LEAVES {
             return Err(Error::Input(format!(
                 "an edge of {edge} makes more than {} million tets; give a larger one",

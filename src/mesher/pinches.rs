@@ -9,8 +9,8 @@ use super::fans::Fans;
 use super::stars::Stars;
 use super::stencil::Piece;
 use crate::mesh::signed_volume;
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::VecDeque;
 
 /// A pinch of the body's own boundary counts as so many between regions.
@@ -34,11 +34,7 @@ pub struct PinchReport {
 pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchReport {
     let mut report = PinchReport::default();
     let stars = Stars::new(nodes.len(), pieces);
-    let pinched: Vec<u32> = (0..nodes.len() as u32)
-        .into_par_iter()
-        .with_min_len(1024)
-        .filter(|v| cost(*v, &stars, pieces) > 0)
-        .collect();
+    let pinched = filtered(nodes.len(), |v| cost(v, &stars, pieces) > 0);
     report.found = pinched.len();
     let mut waiting: VecDeque<u32> = pinched.into();
     while let Some(v) = waiting.pop_front() {
@@ -50,11 +46,10 @@ pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchR
             waiting.extend(corners(&tets, pieces));
         }
     }
-    report.left = (0..nodes.len() as u32)
-        .into_par_iter()
-        .with_min_len(1024)
-        .filter(|v| !cost(*v, &stars, pieces).is_multiple_of(OUTER))
-        .count();
+    let pinched = filtered(nodes.len(), |v| {
+        !cost(v, &stars, pieces).is_multiple_of(OUTER)
+    });
+    report.left = pinched.len();
     drop(stars);
     let mut suspects = vec![false; nodes.len()];
     for (tet, _) in pieces.iter().filter(|p| p.1 == 0) {
@@ -63,6 +58,13 @@ pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchR
     pieces.retain(|p| p.1 != 0);
     part(nodes, pieces, suspects, &mut report);
     report
+}
+
+/// Those of 0..n of which `is_so` holds, ascending.
+fn filtered(n: usize, is_so: impl Fn(u32) -> bool + Sync) -> Vec<u32> {
+    parallel::collect(n, |range, found| {
+        found.extend(range.map(|v| v as u32).filter(|v| is_so(*v)));
+    })
 }
 
 /// How badly boundaries are pinched at `v`.
@@ -160,18 +162,13 @@ fn part(
 ) {
     loop {
         let stars = Stars::new(nodes.len(), pieces);
-        let pinched: Vec<u32> = (0..nodes.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .filter(|v| {
-                let star = stars.of(*v);
-                if !suspects.get(*v as usize).copied().unwrap_or(true) {
-                    return false;
-                }
-                let mut fans = Fans::new(*v, star, pieces);
-                !fans.has_simple_rim() || fans.split(|r| r != 0).1 > 1
-            })
-            .collect();
+        let pinched = filtered(nodes.len(), |v| {
+            if !suspects.get(v as usize).copied().unwrap_or(true) {
+                return false;
+            }
+            let mut fans = Fans::new(v, stars.of(v), pieces);
+            !fans.has_simple_rim() || fans.split(|r| r != 0).1 > 1
+        });
         if pinched.is_empty() {
             return;
         }

@@ -2,8 +2,8 @@
 
 use super::{IslandReport, OptimiserReport, PinchReport};
 use crate::mesh::{DIHEDRAL_BINS, dihedral_angles, signed_volume};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use web_time::Instant;
 
 /// Bins of the angles from which the 1st percentile is read: a hundredth of a degree each.
@@ -92,10 +92,9 @@ impl MeshReport {
         by_region.retain(|r| r.tets > 0);
         self.regions = by_region;
         let none = || (vec![0u32; FINE_BINS], [0; DIHEDRAL_BINS], 180.0f64, 0.0f64);
-        let (smallest, histogram, min, max) = tets
-            .par_iter()
-            .with_min_len(4096)
-            .fold(none, |(mut smallest, mut histogram, min, max), tet| {
+        let parts = parallel::collect(tets.len(), |range, parts| {
+            let (mut smallest, mut histogram, mut min, mut max) = none();
+            for tet in &tets[range] {
                 let angles = dihedral_angles(corners(tet));
                 let (mut least, mut most) = (180.0f64, 0.0f64);
                 for angle in angles {
@@ -105,13 +104,15 @@ impl MeshReport {
                 }
                 let bin = (least / 180.0 * FINE_BINS as f64) as usize;
                 smallest[bin.min(FINE_BINS - 1)] += 1;
-                (smallest, histogram, min.min(least), max.max(most))
-            })
-            .reduce(none, |mut a, b| {
-                a.0.iter_mut().zip(&b.0).for_each(|(a, b)| *a += b);
-                a.1.iter_mut().zip(&b.1).for_each(|(a, b)| *a += b);
-                (a.0, a.1, a.2.min(b.2), a.3.max(b.3))
-            });
+                (min, max) = (min.min(least), max.max(most));
+            }
+            parts.push((smallest, histogram, min, max));
+        });
+        let (smallest, histogram, min, max) = parts.into_iter().fold(none(), |mut a, b| {
+            a.0.iter_mut().zip(&b.0).for_each(|(a, b)| *a += b);
+            a.1.iter_mut().zip(&b.1).for_each(|(a, b)| *a += b);
+            (a.0, a.1, a.2.min(b.2), a.3.max(b.3))
+        });
         let mut before = 0;
         let bin = smallest.iter().position(|n| {
             before += *n as usize;

@@ -2,10 +2,10 @@
 
 use super::label_domain::world_box;
 use super::{Domain, Window};
+use crate::parallel;
 use crate::volume::Volume;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
-use rayon::prelude::*;
 
 /// Voxels along each side of a brick of which the range of values is kept.
 const BRICK: usize = 4;
@@ -62,7 +62,10 @@ impl<'a> ThresholdDomain<'a> {
         };
         for window in &domain.windows {
             let within = |n| (window[0]..=window[1]).contains(&domain.value(n));
-            if !(0..volume.voxels()).into_par_iter().any(within) {
+            let found = parallel::collect(volume.voxels(), |mut range, found| {
+                found.extend(range.find(|n| within(*n)));
+            });
+            if found.is_empty() {
                 return Err(Error::Input(format!(
                     "no voxel has a value from {} to {}; the volume has {lowest} to {highest}",
                     window[0], window[1]
@@ -70,10 +73,8 @@ impl<'a> ThresholdDomain<'a> {
             }
         }
         domain.extent = domain.find_extent();
-        domain.bricks = (0..domain.brick_size.iter().product::<usize>())
-            .into_par_iter()
-            .map(|b| domain.range_of_brick(b))
-            .collect();
+        let bricks = domain.brick_size.iter().product();
+        domain.bricks = parallel::map(bricks, |b| domain.range_of_brick(b));
         Ok(domain)
     }
 
@@ -112,18 +113,19 @@ impl<'a> ThresholdDomain<'a> {
         let [nx, ny, _] = self.volume.size;
         let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let last = DVec3::from(self.volume.size.map(|n| n as f64)) - 0.5;
-        let (low, high) = (0..self.volume.voxels())
-            .into_par_iter()
-            .with_min_len(1024)
-            .filter(|n| {
+        let both = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+        let boxes = parallel::collect(self.volume.voxels(), |range, boxes| {
+            let inside = range.filter(|n| {
                 let value = self.value(*n);
                 self.windows.iter().any(|w| (w[0]..=w[1]).contains(&value))
-            })
-            .map(|n| {
+            });
+            let points = inside.map(|n| {
                 let at = DVec3::from([n % nx, n / nx % ny, n / nx / ny].map(|c| c as f64));
                 (at, at)
-            })
-            .reduce(|| none, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+            });
+            boxes.extend(points.reduce(both));
+        });
+        let (low, high) = boxes.into_iter().fold(none, both);
         // Between voxels, values within a window may be a voxel away from any that is inside.
         ((low - 1.0).max(DVec3::splat(-0.5)), (high + 1.0).min(last))
     }

@@ -10,9 +10,10 @@
 //! change how what is stiff next to it resists.
 
 use super::elements::{Blocks, Element, Elements, Law};
+use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 use std::fmt;
 use std::str::FromStr;
 
@@ -118,13 +119,14 @@ impl Elements {
         if self.volume == VolumeModel::PerTet {
             return Cells::default();
         }
-        let corners = self.tets.par_iter().enumerate().flat_map_iter(|(t, e)| {
-            let shares = self.averaged(e) > 0.0;
-            (0..4)
-                .filter(move |_| shares)
-                .map(move |a| (e.nodes[a], e.region, t as u32, a))
+        let mut corners = parallel::collect(self.tets.len(), |range, corners| {
+            for t in range {
+                let e = &self.tets[t];
+                if self.averaged(e) > 0.0 {
+                    corners.extend((0..4).map(|a| (e.nodes[a], e.region, t as u32, a)));
+                }
+            }
         });
-        let mut corners: Vec<(u32, u32, u32, usize)> = corners.collect();
         corners.par_sort_unstable();
         let mut all = Cells {
             cells: Vec::new(),
@@ -195,8 +197,10 @@ impl Elements {
 
     /// Energy with the nodes at `x` (m from the frame's origin), J.
     pub fn energy(&self, x: &[DVec3]) -> f64 {
-        let own = |e: &Element| self.own(e).energy(self.law, &e.corners(x));
-        let own: f64 = self.tets.par_iter().map(own).sum();
+        let own = parallel::sum(self.tets.len(), |t| {
+            let e = &self.tets[t];
+            self.own(e).energy(self.law, &e.corners(x))
+        });
         let cells = self.cells();
         let changes = self.changes(&cells, x);
         let shared = cells.cells.iter().zip(changes);

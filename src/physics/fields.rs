@@ -14,9 +14,9 @@
 use super::elements::eigen;
 use super::{Element, Law, Simulator, SpringNetwork};
 use crate::mesh::TetMesh;
+use crate::parallel;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 use std::fmt;
 use std::str::FromStr;
 
@@ -182,11 +182,11 @@ impl BodyField {
                 let moved = now(t).iter().sum::<DVec3>() - mesh.tet_nodes(t).iter().sum::<DVec3>();
                 0.25 * moved.length()
             };
-            return Ok((0..mesh.tets.len()).into_par_iter().map(of_tet).collect());
+            return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
         if self.of_shape() {
             let of_tet = |t: usize| self.of_deformation(&deformation(&mesh.tet_nodes(t), &now(t)));
-            return Ok((0..mesh.tets.len()).into_par_iter().map(of_tet).collect());
+            return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
         let Some(network) = body.network() else {
             return self.check(body).map(|()| Vec::new());
@@ -206,7 +206,7 @@ impl BodyField {
             })
         };
         let numbers = elements_of_tets(mesh, &elements.tets);
-        Ok(numbers.into_par_iter().map(of_element).collect())
+        Ok(parallel::map(numbers.len(), |t| of_element(numbers[t])))
     }
 
     /// Of what follows from F alone.

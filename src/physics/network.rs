@@ -6,9 +6,10 @@ use super::hold::HeldEnd;
 use super::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 use super::rigid::rigid_bodies;
 use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
+use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
 /// A spring between two nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -215,12 +216,12 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             MaterialModel::NeoHookean => Law::NeoHookean,
             MaterialModel::Corotated => Law::Corotated,
         };
-        let tets = 0..self.mesh.tets.len();
-        let element = |t| self.element(t, law, rest);
         Elements {
             law,
             volume: self.material.volume,
-            tets: tets.into_par_iter().filter_map(element).collect(),
+            tets: parallel::collect(self.mesh.tets.len(), |range, tets| {
+                tets.extend(range.filter_map(|t| self.element(t, law, rest)));
+            }),
             rigid: rigid_bodies(self.mesh, |t| self.rigid_label(t)),
             mass_damping: self.material.mass_damping,
             ..Elements::default()
@@ -279,10 +280,10 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
     /// The springs along edges given with every tet around them, sorted.
     fn springs(&self, around: &[([u32; 2], u32)], rest: &[DVec3]) -> Result<Vec<Spring>> {
         let edges: Vec<&[([u32; 2], u32)]> = around.chunk_by(|a, b| a.0 == b.0).collect();
-        let springs: Vec<Spring> = edges
-            .par_iter()
-            .map(|tets| self.spring(tets[0].0, tets.iter().map(|t| t.1 as usize), rest))
-            .collect();
+        let springs = parallel::map(edges.len(), |e| {
+            let tets = edges[e].iter().map(|t| t.1 as usize);
+            self.spring(edges[e][0].0, tets, rest)
+        });
         match springs
             .iter()
             .find(|s| !s.stiffness.is_finite() || s.stiffness < 0.0)
@@ -323,14 +324,13 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
 
 /// Every edge with every tet around it, sorted.
 fn edges_around(mesh: &TetMesh) -> Vec<([u32; 2], u32)> {
-    let mut around: Vec<([u32; 2], u32)> = mesh
-        .tets
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(t, tet)| {
-            TET_EDGES.map(|[a, b]| ([tet[a].min(tet[b]), tet[a].max(tet[b])], t as u32))
-        })
-        .collect();
+    let mut around = parallel::collect(mesh.tets.len(), |range, around| {
+        for t in range {
+            let tet = mesh.tets[t];
+            let edges = TET_EDGES.map(|[a, b]| [tet[a].min(tet[b]), tet[a].max(tet[b])]);
+            around.extend(edges.map(|edge| (edge, t as u32)));
+        }
+    });
     around.par_sort_unstable();
     around
 }

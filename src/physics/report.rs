@@ -3,8 +3,8 @@
 use super::{Body, NodeTerm, Spring, SpringNetwork};
 use crate::Result;
 use crate::mesh::{TetMesh, bounds, signed_volume};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Energies of a body, J.
@@ -47,11 +47,9 @@ impl Report {
 
     /// The report on a body of that energy, whose nodes stand at `positions`, in file units.
     pub(crate) fn of_positions(energy: Energy, mesh: &TetMesh, positions: &[DVec3]) -> Report {
-        let volumes: Vec<f64> = mesh
-            .tets
-            .par_iter()
-            .map(|t| signed_volume(t.map(|v| positions[v as usize])))
-            .collect();
+        let volumes = parallel::map(mesh.tets.len(), |t| {
+            signed_volume(mesh.tets[t].map(|v| positions[v as usize]))
+        });
         let farthest = positions
             .iter()
             .zip(&mesh.nodes)
@@ -83,7 +81,7 @@ impl Energy {
         };
         let elements = &network.elements;
         let matter: f64 = match elements.is_empty() {
-            true => network.springs.par_iter().map(of_spring).sum(),
+            true => parallel::sum(network.springs.len(), |s| of_spring(&network.springs[s])),
             false => {
                 let x: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
                 elements.energy(&x)
@@ -96,12 +94,9 @@ impl Energy {
                 .sum()
         });
         let elastic = matter + of_nodes.sum::<f64>();
-        let kinetic: f64 = network
-            .masses
-            .par_iter()
-            .zip(velocities)
-            .map(|(m, v)| 0.5 * m * (*v * unit).length_squared())
-            .sum();
+        let kinetic = parallel::sum(velocities.len(), |v| {
+            0.5 * network.masses[v] * (velocities[v] * unit).length_squared()
+        });
         Energy {
             kinetic,
             elastic,

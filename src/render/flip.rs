@@ -5,8 +5,8 @@
 //! compared in L*a*b*; edges and points that appear or vanish raise what is found there.
 
 use super::Image;
+use crate::parallel;
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 /// Pixels in a degree of sight: a 0.7 m wide monitor of 3,840 pixels, seen from 0.7 m.
 const PIXELS_PER_DEGREE: f64 = 67.020_643;
@@ -160,19 +160,14 @@ fn separable(plane: &[f64], width: usize, x: &[f64], y: &[f64]) -> Vec<f64> {
     // `length` pixels a line, `step` apart.
     let pass = |from: &[f64], kernel: &[f64], length: usize, step: usize| {
         let radius = kernel.len() / 2;
-        let mut to = vec![0.0; from.len()];
-        to.par_iter_mut().enumerate().for_each(|(i, to)| {
+        parallel::map(from.len(), |i| {
             let at = i / step % length;
             let first = i - at * step;
-            *to = kernel
-                .iter()
-                .enumerate()
-                .map(|(k, w)| {
-                    w * from[first + (at + k).saturating_sub(radius).min(length - 1) * step]
-                })
-                .sum();
-        });
-        to
+            let pixels = kernel.iter().enumerate().map(|(k, w)| {
+                w * from[first + (at + k).saturating_sub(radius).min(length - 1) * step]
+            });
+            pixels.sum::<f64>()
+        })
     };
     let rows = pass(plane, x, width, 1);
     pass(&rows, y, height, width)

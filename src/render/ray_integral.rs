@@ -4,9 +4,9 @@
 //! own, so nothing here depends on neighbours, walks or the order of tets.
 
 use crate::mesh::{FACES, TetMesh};
+use crate::parallel;
 use crate::render::{Camera, Ray, ResolvedTransfer};
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 /// The stretch of a ray inside one tet.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -248,16 +248,11 @@ impl RayReference {
         size: [u32; 2],
         of: impl Fn(&Self, Ray) -> T + Sync,
     ) -> Vec<T> {
-        (0..size[0] as usize * size[1] as usize)
-            .into_par_iter()
-            .map(|i| {
-                let (x, y) = (i % size[0] as usize, i / size[0] as usize);
-                of(
-                    self,
-                    camera.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5), size),
-                )
-            })
-            .collect()
+        let [width, height] = size.map(|n| n as usize);
+        parallel::map_heavy(width * height, |i| {
+            let (x, y) = ((i % width) as f64, (i / width) as f64);
+            of(self, camera.ray(DVec2::new(x + 0.5, y + 0.5), size))
+        })
     }
 }
 

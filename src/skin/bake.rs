@@ -3,9 +3,9 @@
 use super::map::Map;
 use super::vertices::{Vertices, check};
 use crate::mesh::{Tree, TriMesh};
+use crate::parallel;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 /// What came of a [`bake`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -68,10 +68,9 @@ pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, Ba
     let fine = Fine::new(&fine);
     let (low, high) = crate::mesh::bounds(&coarse.positions);
     let reach = REACH * (high - low).max_element();
-    let found: Vec<Option<(DVec3, bool)>> = owners
-        .par_iter()
-        .map(|owner| owner.map(|(t, w)| fine.normal_at(&coarse, t, w, reach)))
-        .collect();
+    let found = parallel::map(owners.len(), |i| {
+        owners[i].map(|(t, w)| fine.normal_at(&coarse, t, w, reach))
+    });
     let mut report = BakeReport {
         unmapped,
         ..BakeReport::default()

@@ -3,10 +3,10 @@
 use super::binder::{Binder, Kind, Vertex};
 use super::vertices::Vertices;
 use crate::mesh::LocalFrame;
+use crate::parallel;
 use crate::skin::basis::Bound;
 use crate::{Error, Result};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// How nodes carry vertices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, serde::Deserialize)]
@@ -111,10 +111,9 @@ pub fn bind(
     mapping: Mapping,
 ) -> Result<(Vec<Bound>, BindingReport)> {
     let binder = Binder::new(base, mapping)?;
-    let bound: Vec<(Bound, Kind)> = (0..vertices.positions.len())
-        .into_par_iter()
-        .map(|v| binder.bind(&Vertex::new(vertices, v, frame), mapping, &|_| true))
-        .collect();
+    let bound = parallel::map(vertices.positions.len(), |v| {
+        binder.bind(&Vertex::new(vertices, v, frame), mapping, &|_| true)
+    });
     let mut report = BindingReport {
         flat_triangles: base.triangles.len() - binder.count(),
         ..BindingReport::default()

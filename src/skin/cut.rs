@@ -5,10 +5,10 @@ use super::binding::{Mapping, records};
 use super::carrier::Carrier;
 use super::draw::Skin;
 use crate::mesh::Blade;
+use crate::parallel;
 use crate::skin::basis::Bound;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// What a cut changed in a skin.
@@ -93,8 +93,7 @@ impl Skin {
                 false => (Bound { nodes, ..bound }, Change::None),
             }
         };
-        let followed: Vec<(Bound, Change)> =
-            (0..self.bound.len()).into_par_iter().map(follow).collect();
+        let followed = parallel::map(self.bound.len(), follow);
         // Grids double no nodes: there, what the blade parts has come apart, and beside its end
         // whatever went over to different places.
         let doubled = new.nodes.len() != old.nodes.len();
@@ -118,13 +117,10 @@ impl Skin {
                 false => shared.iter().any(|(a, b)| a != b),
             }
         };
-        let shown: Vec<bool> = self
-            .vertices
-            .triangles
-            .par_iter()
-            .zip(&self.shown)
-            .map(|([a, b, c], shown)| *shown && !(apart(*a, *b) || apart(*b, *c) || apart(*c, *a)))
-            .collect();
+        let shown = parallel::map(self.shown.len(), |t| {
+            let [a, b, c] = vertices.triangles[t];
+            self.shown[t] && !(apart(a, b) || apart(b, c) || apart(c, a))
+        });
         let cut = SkinCut {
             rebound: followed.iter().filter(|f| f.1 != Change::None).count(),
             hidden: self

@@ -3,9 +3,9 @@
 use super::Volume;
 use super::cube_cases::CUBE_CASES;
 use crate::mesh::TriMesh;
+use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// How near to a voxel's centre a vertex may come, in voxels: no triangle is without an area.
 const OFF_CENTRE: f64 = 1e-3;
@@ -78,12 +78,8 @@ impl Volume {
             row: self.size[0] + 2,
             plane: (self.size[0] + 2) * (self.size[1] + 2),
         };
-        let slabs = 0..self.size[2] + 1;
-        let vertices: Vec<(usize, Vec<DVec3>)> = slabs
-            .clone()
-            .into_par_iter()
-            .map(|k| grid.vertices(k))
-            .collect();
+        let slabs = self.size[2] + 1;
+        let vertices = parallel::map_heavy(slabs, |k| grid.vertices(k));
         let mut first = Vec::with_capacity(vertices.len() + 1);
         let mut count = 0usize;
         for (_, slab) in &vertices {
@@ -98,13 +94,10 @@ impl Volume {
         // The last plane, all outside, has no vertices.
         first.push(count as u32);
         let mirrored = self.to_world.matrix3.determinant() < 0.0;
-        let triangles: Vec<Vec<[u32; 3]>> = slabs
-            .into_par_iter()
-            .map(|k| {
-                let start = [first[k], first[k] + vertices[k].0 as u32, first[k + 1]];
-                grid.triangles(k, start, mirrored)
-            })
-            .collect();
+        let triangles = parallel::map_heavy(slabs, |k| {
+            let start = [first[k], first[k] + vertices[k].0 as u32, first[k + 1]];
+            grid.triangles(k, start, mirrored)
+        });
         Ok(TriMesh {
             vertices: vertices.into_iter().flat_map(|(_, slab)| slab).collect(),
             triangles: triangles.concat(),

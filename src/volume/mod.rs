@@ -11,8 +11,8 @@ mod sample;
 pub use describe::{LabelDescription, VolumeDescription};
 
 use crate::mesh::ScalarType;
+use crate::parallel;
 use glam::{DAffine3, DVec3};
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// A volume of more different values than this is no label map.
@@ -103,12 +103,12 @@ impl Volume {
 
     /// Smallest and largest finite value, in physical units; `None` where nothing is finite.
     pub fn range(&self) -> Option<(f64, f64)> {
-        (0..self.voxels())
-            .into_par_iter()
-            .map(|n| self.value(n))
-            .filter(|v| v.is_finite())
-            .map(|v| (v, v))
-            .reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+        let both = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
+        let parts = parallel::collect(self.voxels(), |range, parts| {
+            let finite = range.map(|n| self.value(n)).filter(|v| v.is_finite());
+            parts.extend(finite.map(|v| (v, v)).reduce(both));
+        });
+        parts.into_iter().reduce(both)
     }
 
     /// The number of voxels of each label, if this is a label map: whole numbers, at most

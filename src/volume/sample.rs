@@ -2,8 +2,8 @@
 
 use super::Volume;
 use crate::mesh::{Field, Location, ScalarType, TET_EDGES, TetMesh};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Samples along each axis of the box that stands for a node's cell, at most.
 const MOST_SAMPLES: usize = 9;
@@ -51,36 +51,31 @@ impl Volume {
         let to_index = self.to_world.inverse();
         let spacing = self.spacing();
         let sides = node_sides(mesh);
-        let values = mesh
-            .nodes
-            .par_iter()
-            .zip(&sides)
-            .map(|(p, side)| {
-                let samples = (*side / spacing).to_array().map(samples_along);
-                let count = samples.iter().product::<usize>();
-                if count == 1 {
-                    return self.at_index(to_index.transform_point3(*p));
-                }
-                // The cube stands along the voxel axes.
-                let middle = to_index.transform_point3(*p);
-                let step = DVec3::splat(*side) / spacing / DVec3::from(samples.map(|n| n as f64));
-                let mut sum = 0.0;
-                for n in 0..count {
-                    let at = [
-                        n % samples[0],
-                        n / samples[0] % samples[1],
-                        n / samples[0] / samples[1],
-                    ];
-                    let shift: [f64; 3] = std::array::from_fn(|axis| {
-                        at[axis] as f64 - 0.5 * (samples[axis] as f64 - 1.0)
-                    });
-                    sum += self.at_index(middle + step * DVec3::from(shift));
-                }
-                sum / count as f64
-            })
+        let values = parallel::map(mesh.nodes.len(), |v| {
+            let samples = (sides[v] / spacing).to_array().map(samples_along);
+            let count = samples.iter().product::<usize>();
+            let middle = to_index.transform_point3(mesh.nodes[v]);
             // The field is written as 32-bit numbers.
-            .map(|value| f64::from(value as f32))
-            .collect();
+            let written = |value: f64| f64::from(value as f32);
+            if count == 1 {
+                return written(self.at_index(middle));
+            }
+            // The cube stands along the voxel axes.
+            let step = DVec3::splat(sides[v]) / spacing / DVec3::from(samples.map(|n| n as f64));
+            let mut sum = 0.0;
+            for n in 0..count {
+                let at = [
+                    n % samples[0],
+                    n / samples[0] % samples[1],
+                    n / samples[0] / samples[1],
+                ];
+                let shift: [f64; 3] = std::array::from_fn(|axis| {
+                    at[axis] as f64 - 0.5 * (samples[axis] as f64 - 1.0)
+                });
+                sum += self.at_index(middle + step * DVec3::from(shift));
+            }
+            written(sum / count as f64)
+        });
         Field {
             scalar_type: ScalarType::F32,
             ..Field::scalar(name, Location::Node, values)

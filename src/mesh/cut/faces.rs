@@ -1,8 +1,8 @@
 //! Which faces a blade opens.
 
 use crate::mesh::{Blade, BoundaryFace, NO_NEIGHBOUR, TetMesh, Topology};
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// The faces whose two tets have their centroids on different sides of the blade, sorted.
@@ -15,18 +15,14 @@ pub(super) fn faces_across(
     let (low, high) = blade.bounds();
     // Which of the six planes of the blade's box a node lies beyond, and which all nodes of a tet
     // do: two tets that share one are not parted by the blade.
-    let node_beyond: Vec<u8> = positions
-        .par_iter()
-        .map(|p| (p.cmplt(low).bitmask() | p.cmpgt(high).bitmask() << 3) as u8)
-        .collect();
-    let beyond: Vec<u8> = mesh
-        .tets
-        .par_iter()
-        .map(|tet| {
-            tet.iter()
-                .fold(0xff, |all, v| all & node_beyond[*v as usize])
-        })
-        .collect();
+    let node_beyond = parallel::map(positions.len(), |v| {
+        let p = positions[v];
+        (p.cmplt(low).bitmask() | p.cmpgt(high).bitmask() << 3) as u8
+    });
+    let beyond = parallel::map(mesh.tets.len(), |t| {
+        let corners = mesh.tets[t].iter();
+        corners.fold(0xff, |all, v| all & node_beyond[*v as usize])
+    });
     let centroid = |t: usize| {
         let corners = mesh.tets[t].map(|v| positions[v as usize]);
         corners.iter().sum::<DVec3>() / 4.0
@@ -46,10 +42,11 @@ pub(super) fn faces_across(
             .parts(centroid(t), centroid(other))
             .then_some([here, there])
     };
-    (0..mesh.tets.len())
-        .into_par_iter()
-        .flat_map_iter(|t| (0..4).filter_map(move |face| across(t, face)))
-        .collect()
+    parallel::collect(mesh.tets.len(), |range, faces| {
+        for t in range {
+            faces.extend((0..4).filter_map(|face| across(t, face)));
+        }
+    })
 }
 
 /// Leaves out the faces around tets that would be cut off on their own: such a tet goes with its

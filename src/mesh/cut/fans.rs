@@ -1,7 +1,7 @@
 //! Which nodes come apart when faces are opened: those around which the tets fall into several fans.
 
 use crate::mesh::{BoundaryFace, FACES, Groups, Location, NO_NEIGHBOUR, TetMesh, Topology};
-use rayon::prelude::*;
+use crate::parallel;
 use std::collections::HashMap;
 
 /// Nodes doubled, and the tets around the faces that were opened.
@@ -27,13 +27,10 @@ pub(super) fn part_nodes(
             marked[v as usize] = true;
         }
     }
-    let star: Vec<u32> = mesh
-        .tets
-        .par_iter()
-        .enumerate()
-        .filter(|(_, tet)| tet.iter().any(|v| marked[*v as usize]))
-        .map(|(t, _)| t as u32)
-        .collect();
+    let star = parallel::collect(mesh.tets.len(), |range, star| {
+        let is_marked = |t: &usize| mesh.tets[*t].iter().any(|v| marked[*v as usize]);
+        star.extend(range.filter(is_marked).map(|t| t as u32));
+    });
     let before: Vec<[u32; 4]> = star.iter().map(|t| mesh.tets[*t as usize]).collect();
     // One more than the place in the star of each tet, 0 of those elsewhere.
     let mut place = vec![0u32; mesh.tets.len()];

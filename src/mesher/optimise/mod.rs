@@ -12,8 +12,8 @@ mod work;
 
 use super::domain::Weighed;
 use super::stencil::Piece;
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use work::Work;
 
 /// Tets of a lesser shape than this are worked on: 11.5° in the acute angles.
@@ -71,13 +71,12 @@ pub(super) fn improve(
 
 /// The tets below the goal, the worst first.
 fn bad_tets(nodes: &[DVec3], pieces: &[Piece]) -> Vec<u32> {
-    let mut bad: Vec<(f64, u32)> = pieces
-        .par_iter()
-        .enumerate()
-        .filter(|(_, piece)| piece.1 != 0)
-        .map(|(t, (tet, _))| (shape::shape(tet.map(|v| nodes[v as usize])), t as u32))
-        .filter(|(shape, _)| *shape < GOAL)
-        .collect();
+    let shape = |t: usize| shape::shape(pieces[t].0.map(|v| nodes[v as usize]));
+    let mut bad: Vec<(f64, u32)> = parallel::collect(pieces.len(), |range, bad| {
+        let inside = range.filter(|t| pieces[*t].1 != 0);
+        let shapes = inside.map(|t| (shape(t), t as u32));
+        bad.extend(shapes.filter(|(shape, _)| *shape < GOAL));
+    });
     bad.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     bad.into_iter().map(|b| b.1).collect()
 }

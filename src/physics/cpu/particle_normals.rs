@@ -2,8 +2,8 @@
 
 use super::particles::Particles;
 use super::real::Real;
+use crate::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// As `physics::grid::shape::LEAST_NORMAL`: of the springs' unit vectors around a node, summed,
 /// where they come to less than this, the node has no side that it could face.
@@ -14,16 +14,13 @@ impl<T: Real> Particles<T> {
     /// zero where that sum nearly vanishes: inside, where the body is one particle thin, and for
     /// particles that it has not.
     pub fn normals(&self) -> Vec<DVec3> {
-        let particles = (0..self.rest.len()).into_par_iter().with_min_len(1024);
-        particles
-            .map(|i| {
-                let sum = self.away(i);
-                match sum.length() >= LEAST_NORMAL {
-                    true => sum.normalize_or_zero(),
-                    false => DVec3::ZERO,
-                }
-            })
-            .collect()
+        parallel::map(self.rest.len(), |i| {
+            let sum = self.away(i);
+            match sum.length() >= LEAST_NORMAL {
+                true => sum.normalize_or_zero(),
+                false => DVec3::ZERO,
+            }
+        })
     }
 
     /// Σ_j normalize(x_i − x_j).

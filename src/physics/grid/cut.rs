@@ -5,9 +5,9 @@ use super::model::GridModel;
 use super::shape::SPRING_KINDS;
 use crate::gpu::Texel;
 use crate::mesh::{Blade, Location, TetCut, TetMesh, Topology};
+use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// What a cut of a grid body has changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -25,16 +25,14 @@ impl GridModel {
         let offsets = self.shape.offsets();
         let springs = &self.springs;
         let particles: Vec<usize> = self.shape.particles().collect();
-        particles
-            .par_iter()
-            .flat_map_iter(|i| {
-                let kinds = (0..SPRING_KINDS).filter(move |k| springs[*i] >> (2 * k) & 1 == 1);
-                let j = move |k: usize| (*i as i64 + offsets[k]) as usize;
-                kinds
-                    .filter(move |k| blade.parts(positions[*i], positions[j(*k)]))
-                    .map(move |k| (*i, k))
-            })
-            .collect()
+        parallel::collect(particles.len(), |range, crossed| {
+            for i in &particles[range] {
+                let kinds = (0..SPRING_KINDS).filter(|k| springs[*i] >> (2 * k) & 1 == 1);
+                let j = |k: usize| (*i as i64 + offsets[k]) as usize;
+                let crossing = kinds.filter(|k| blade.parts(positions[*i], positions[j(*k)]));
+                crossed.extend(crossing.map(|k| (*i, k)));
+            }
+        })
     }
 
     /// Erases springs. Returns the mesh over the cells that are still whole.

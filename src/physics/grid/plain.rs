@@ -1,7 +1,7 @@
 //! A grid of particles with 18 implicit neighbours, stepped by Verlet: the twin of
 //! `shaders/physics/grid_verlet.wgsl`, in float64 for truth and in float32 for speed.
 
-use rayon::prelude::*;
+use crate::parallel;
 
 macro_rules! grid_twin {
     ($(#[$doc:meta])* $name:ident, $real:ty, $vector:ty) => {
@@ -84,22 +84,15 @@ macro_rules! grid_twin {
             fn advance(&mut self, h: $real, share: $real) {
                 let gain = 1.0 / (1.0 + 0.5 * self.damping * h);
                 let kept = (1.0 - 0.5 * self.damping * h) * gain;
-                let next: Vec<$vector> = self
-                    .particles
-                    .par_iter()
-                    .with_min_len(1024)
-                    .map(|i| {
-                        let i = *i as usize;
-                        let w = self.inverse_masses[i];
-                        if w == 0.0 {
-                            return self.x[i];
-                        }
-                        let a = w * (self.spring_force(i) + self.forces[i]) + self.gravity;
-                        self.x[i]
-                            + kept * (self.x[i] - self.previous[i])
-                            + share * gain * h * h * a
-                    })
-                    .collect();
+                let next: Vec<$vector> = parallel::map(self.particles.len(), |n| {
+                    let i = self.particles[n] as usize;
+                    let w = self.inverse_masses[i];
+                    if w == 0.0 {
+                        return self.x[i];
+                    }
+                    let a = w * (self.spring_force(i) + self.forces[i]) + self.gravity;
+                    self.x[i] + kept * (self.x[i] - self.previous[i]) + share * gain * h * h * a
+                });
                 for (i, x) in self.particles.iter().zip(next) {
                     self.previous[*i as usize] = self.x[*i as usize];
                     self.x[*i as usize] = x;

@@ -2,9 +2,9 @@
 
 use crate::mesh::{Field, LocalFrame, Location, ScalarType, TetMesh, bounds, signed_volume};
 use crate::mesher::Domain;
+use crate::parallel;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 /// The most particles along one axis, and in all, the empty ones around the body included.
 const MOST_ALONG: usize = 4096;
@@ -102,14 +102,13 @@ impl GridShape {
             regions: Vec::new(),
             labels: Vec::new(),
         };
-        shape.regions = (0..total)
-            .into_par_iter()
-            .with_min_len(4096)
-            .map_init(Vec::new, |weights, i| match shape.is_border(i) {
+        shape.regions = parallel::collect(total, |range, regions| {
+            let mut weights = Vec::new();
+            regions.extend(range.map(|i| match shape.is_border(i) {
                 true => 0,
-                false => region_at(domain, shape.place(i), weights),
-            })
-            .collect();
+                false => region_at(domain, shape.place(i), &mut weights),
+            }));
+        });
         let last = shape.regions.iter().copied().max().unwrap_or(0);
         shape.labels = (1..=i64::from(last)).collect();
         match shape.count() {
@@ -190,17 +189,14 @@ impl GridShape {
     /// The springs of every particle: bit 2 k leads forward along kind k, bit 2 k + 1 back.
     pub fn springs(&self) -> Vec<u32> {
         let offsets = self.offsets();
-        (0..self.regions.len())
-            .into_par_iter()
-            .map(|i| match self.regions[i] {
-                0 => 0,
-                _ => (0..2 * SPRING_KINDS).fold(0, |mask, bit| {
-                    let step = if bit % 2 == 0 { 1 } else { -1 } * offsets[bit / 2];
-                    let there = self.regions[(i as i64 + step) as usize] != 0;
-                    mask | u32::from(there) << bit
-                }),
-            })
-            .collect()
+        parallel::map(self.regions.len(), |i| match self.regions[i] {
+            0 => 0,
+            _ => (0..2 * SPRING_KINDS).fold(0, |mask, bit| {
+                let step = if bit % 2 == 0 { 1 } else { -1 } * offsets[bit / 2];
+                let there = self.regions[(i as i64 + step) as usize] != 0;
+                mask | u32::from(there) << bit
+            }),
+        })
     }
 
     /// The approximate normal of a particle at rest with those springs,

@@ -4,6 +4,7 @@ use super::{GPU, Point};
 use crate::Result;
 use crate::gpu::Gpu;
 use crate::mesh::{Blade, Location, TetMesh, Topology, generate};
+use crate::parallel;
 use crate::physics::{Body, Engine, EngineChoice, HeldEnd, Material, SolverKind};
 use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
 use crate::render::{RayReference, segment_integral, tet_gradient, tet_planes};
@@ -228,14 +229,11 @@ impl Cube {
         let (transfer, slices) = (caster.transfer(), caster.table_layers());
         let side = (texels as f64).sqrt().round() as usize;
         median_ms(1, || {
-            let made: Vec<[f64; 4]> = (0..slices as usize * texels)
-                .into_par_iter()
-                .map(|i| {
-                    let [x, y] = [i % side, i / side % side].map(|k| k as f64 / side as f64);
-                    let depth = f64::from(2.0f32).powi((i / texels / 4) as i32 - 5);
-                    segment_integral(&transfer, x, y, depth / transfer.max_extinction())
-                })
-                .collect();
+            let made = parallel::map_heavy(slices as usize * texels, |i| {
+                let [x, y] = [i % side, i / side % side].map(|k| k as f64 / side as f64);
+                let depth = f64::from(2.0f32).powi((i / texels / 4) as i32 - 5);
+                segment_integral(&transfer, x, y, depth / transfer.max_extinction())
+            });
             black_box(made);
             Ok(())
         })

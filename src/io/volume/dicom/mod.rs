@@ -6,6 +6,7 @@
 mod lengths;
 mod slice;
 
+use crate::parallel;
 use crate::volume::{Raw, Volume};
 use crate::{Error, Result};
 use glam::{DAffine3, DMat3, DVec3};
@@ -30,13 +31,12 @@ pub(super) fn read(folder: &Path) -> Result<Volume> {
         }
     }
     files.sort();
-    let images: Vec<Option<Image>> = files
-        .par_iter()
-        .map(|path| {
-            let bytes = std::fs::read(path).map_err(Error::io(path))?;
-            Image::parse(&bytes).map_err(|e| Error::format(path, e))
-        })
-        .collect::<Result<_>>()?;
+    let images = parallel::map_heavy(files.len(), |n| {
+        let path = &files[n];
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        Image::parse(&bytes).map_err(|e| Error::format(path, e))
+    });
+    let images: Vec<Option<Image>> = images.into_iter().collect::<Result<_>>()?;
     let mut series: BTreeMap<String, Vec<(PathBuf, Image)>> = BTreeMap::new();
     for (path, image) in files.into_iter().zip(images) {
         if let Some(image) = image {

@@ -10,11 +10,11 @@ pub use anatomy::FOOT_BONES;
 use super::solid::{bones_apart, fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
 use crate::mesher::Filling;
+use crate::parallel;
 use crate::volume::{Raw, Volume};
 use crate::{Error, Result};
 use anatomy::Anatomy;
 use glam::{DAffine3, DMat3, DVec3};
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// The label of flesh; the bones follow in the order of [`FOOT_BONES`].
@@ -66,22 +66,16 @@ pub fn foot(tets: usize) -> Result<TetMesh> {
         Ok(fill(&anatomy, step)?.tets.len())
     })?;
     let Filling { nodes, tets, .. } = fill(&anatomy, step)?;
-    let intensity = nodes
-        .par_iter()
-        .map(|p| {
-            let (outside, _, bone) = anatomy.distances(*p);
-            // The field is written as 32-bit numbers.
-            f64::from(intensity(outside, bone, step) as f32)
-        })
-        .collect();
-    let nearest: Vec<(usize, f64)> = tets
-        .par_iter()
-        .map(|tet| {
-            let p = tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
-            let (_, nearest, distance) = anatomy.distances(p);
-            (nearest, distance)
-        })
-        .collect();
+    let intensity = parallel::map(nodes.len(), |v| {
+        let (outside, _, bone) = anatomy.distances(nodes[v]);
+        // The field is written as 32-bit numbers.
+        f64::from(intensity(outside, bone, step) as f32)
+    });
+    let nearest = parallel::map(tets.len(), |t| {
+        let p = tets[t].iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
+        let (_, nearest, distance) = anatomy.distances(p);
+        (nearest, distance)
+    });
     let label = bones_apart(&tets, nodes.len(), &nearest)
         .into_iter()
         .map(|bone| bone.map_or(f64::from(FLESH), |bone| (bone + 2) as f64))
@@ -128,13 +122,10 @@ pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
         let to_world =
             DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(spacing)), low);
         let [nx, ny, nz] = size;
-        let values = (0..nx * ny * nz)
-            .into_par_iter()
-            .map(|i| {
-                let index = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| n as f64);
-                -distance(to_world.transform_point3(index.into()))
-            })
-            .collect();
+        let values = parallel::map(nx * ny * nz, |i| {
+            let index = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| n as f64);
+            -distance(to_world.transform_point3(index.into()))
+        });
         let volume = Volume {
             size,
             raw: Raw::F64(values),

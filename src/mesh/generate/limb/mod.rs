@@ -8,10 +8,10 @@ mod anatomy;
 use super::solid::{bones_apart, fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::Filling;
+use crate::parallel;
 use crate::{Error, Result};
 use anatomy::{Anatomy, Distances};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// A tissue of the [`limb`] phantom.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,17 +89,13 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
         Ok(fill(&anatomy, step)?.tets.len())
     })?;
     let Filling { nodes, tets, .. } = fill(&anatomy, step)?;
-    let intensity = nodes
-        .par_iter()
-        .map(|p| intensity(&anatomy.distances(*p), step * scale(p.x)))
+    let intensity = parallel::map(nodes.len(), |v| {
+        let p = nodes[v];
         // The field is written as 32-bit numbers.
-        .map(|value| f64::from(value as f32))
-        .collect();
+        f64::from(intensity(&anatomy.distances(p), step * scale(p.x)) as f32)
+    });
     let middle = |tet: &[u32; 4]| tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
-    let distances: Vec<Distances> = tets
-        .par_iter()
-        .map(|tet| anatomy.distances(middle(tet)))
-        .collect();
+    let distances = parallel::map(tets.len(), |t| anatomy.distances(middle(&tets[t])));
     let nearest: Vec<(usize, f64)> = distances.iter().map(|d| (d.nearest, d.bone)).collect();
     let bones = bones_apart(&tets, nodes.len(), &nearest);
     let labels = tets.iter().zip(&distances).zip(&bones);
