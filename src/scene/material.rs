@@ -31,7 +31,8 @@ use std::fmt;
 /// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.
 #[derive(Clone, Debug, Default)]
 pub struct MaterialEntry {
-    /// `springs`, `neo-hookean` or `corotated`.
+    /// `springs`, `neo-hookean` or `corotated`; where nothing is said, `neo-hookean` for bodies of
+    /// tets without a stiffness or damping of springs, and `springs` for grids and cages.
     pub model: Option<MaterialModel>,
     /// Young's modulus in Pa; springs have ν = ¼.
     pub young: Option<f64>,
@@ -209,9 +210,24 @@ impl MaterialEntry {
         }
     }
 
-    /// The material, and in words what each region is made of; what is not said is as in
-    /// [`Material::soft_tissue`].
-    pub(super) fn material(&self, mesh: &TetMesh) -> Result<(Material, Vec<String>)> {
+    /// The model that is meant: where none is named, elements for bodies of tets, and springs for
+    /// what knows these only and where a stiffness or a damping of springs is given.
+    fn model(&self, of_tets: bool) -> MaterialModel {
+        let of_springs =
+            self.stiffness.is_some() || self.damping.is_some() || self.damping_kind.is_some();
+        self.model.unwrap_or(match of_tets && !of_springs {
+            true => MaterialModel::NeoHookean,
+            false => MaterialModel::Springs,
+        })
+    }
+
+    /// The material of a body of tets, or of a grid or a cage, and in words what each region is made
+    /// of; what is not said is as in [`Material::soft_tissue`].
+    pub(super) fn material(
+        &self,
+        mesh: &TetMesh,
+        of_tets: bool,
+    ) -> Result<(Material, Vec<String>)> {
         let mut material = match (self.young, self.stiffness) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
@@ -229,9 +245,7 @@ impl MaterialEntry {
             },
             (None, None) => Material::soft_tissue(),
         };
-        if let Some(model) = self.model {
-            material.model = model;
-        }
+        material.model = self.model(of_tets);
         if let Some(poisson) = self.poisson {
             material.poisson = poisson;
         }
@@ -247,7 +261,7 @@ impl MaterialEntry {
             material.damping = damping;
             material.damping_time = 0.0;
         }
-        if let Some((ratio, frequency)) = self.ratio()? {
+        if let Some((ratio, frequency)) = self.ratio(material.model)? {
             material = material.damped(ratio, frequency);
         }
         material.damping_kind = match self.damping_kind.as_deref() {
@@ -268,7 +282,7 @@ impl MaterialEntry {
     }
 
     /// The damping ratio, and the frequency that has it.
-    fn ratio(&self) -> Result<Option<(f64, f64)>> {
+    fn ratio(&self, model: MaterialModel) -> Result<Option<(f64, f64)>> {
         let wrong = |why: String| Err(Error::Input(why));
         let (ratio, frequency) = match (self.damping_ratio, self.damping_hz) {
             (None, None) => return Ok(None),
@@ -282,7 +296,7 @@ impl MaterialEntry {
                 "the material has both `damping` and `damping_ratio`; give one of them".into(),
             );
         }
-        if self.model.unwrap_or_default() == MaterialModel::Springs {
+        if model == MaterialModel::Springs {
             return wrong("a damping ratio is for elements: give model = \"neo-hookean\" (or --material neo-hookean), or `damping` for springs".into());
         }
         let sound = ratio >= 0.0 && ratio.is_finite() && frequency > 0.0 && frequency.is_finite();

@@ -74,7 +74,8 @@ impl Setup {
                 "one unit of the mesh is taken to be a metre, so the body is {length:.3} m long; --unit mm (or cm) says otherwise"
             ));
         }
-        let (mut material, said) = scene.material.material(&mesh)?;
+        let of_tets = shape.is_none() && scene.cage.is_none();
+        let (mut material, said) = scene.material.material(&mesh, of_tets)?;
         notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);
         if let Some(entry) = scene.of_cpu()

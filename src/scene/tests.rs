@@ -104,7 +104,7 @@ fn regions_are_made_of_tissues() {
     let bar = labelled_bar();
     let material = |toml: &str| {
         let entry = Scene::parse(&format!("mesh = {{}}\n[material]\n{toml}"))?.material;
-        entry.material(&bar)
+        entry.material(&bar, true)
     };
     let (made, notes) =
         material("bone = [1]\ncartilage = {}\nglue = { regions = [7], young = 5 }").unwrap();

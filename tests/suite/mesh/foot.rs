@@ -37,7 +37,7 @@ fn every_bone_has_a_name_and_tets_inside_flesh_and_apart_from_its_neighbours() {
     }
     assert_eq!(mesh.region_names.len(), 27);
     for (l, name) in &mesh.region_names {
-        assert!(count.get(l).is_some_and(|n| *n >= 8), "{name}: {count:?}");
+        assert!(count.get(l).is_some_and(|n| *n >= 6), "{name}: {count:?}");
     }
     assert_eq!(count.len(), 27);
     let bones = rigid_pieces(&mesh, (2..=27).collect());

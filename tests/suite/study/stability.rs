@@ -341,8 +341,10 @@ fn the_quick_study_maps_what_fails() {
     for name in [
         "stability.md",
         "stability-bar-verlet.svg",
-        "stability-volume.png",
         "stability_volume.md",
+        "stability-default-bar-30.png",
+        "stability-default-hollow-49.svg",
+        "stability_default.md",
     ] {
         assert!(dir.path().join(name).exists(), "{name}");
     }

@@ -1,0 +1,236 @@
+//! Whether the default holds: finite elements by implicit Euler at the default settings, against
+//! the same steps solved to the last digits, over step size and stiffness.
+
+use crate::Result;
+use crate::mesh::{TetMesh, generate};
+use crate::physics::{
+    ConjugateGradients, CpuTets, EngineChoice, Material, MaterialModel, Precision, Simulator,
+    SolverKind, SpringNetwork,
+};
+use crate::study::{Axis, Cell, Row, Run, StateMap, bodies};
+use crate::{Error, gpu::Gpu};
+use glam::DVec3;
+
+const SETTINGS: [&str; 4] = ["body", "poisson", "young_pa", "step_s"];
+const RESULTS: [&str; 4] = [
+    "state",
+    "off_converged_percent",
+    "inverted",
+    "iterations_a_step",
+];
+
+/// What becomes of a cell; the last three are failures.
+const STATES: [&str; 5] = [
+    "within 1 %",
+    "within 20 %",
+    "farther off",
+    "inverted at the end",
+    "broke off",
+];
+
+/// Steps of each cell, and how often they are compared.
+const STEPS: u32 = 40;
+const SAMPLES: u32 = 8;
+
+const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
+
+/// A body that is held at its left end and released, of the default material.
+struct Subject {
+    name: &'static str,
+    mesh: TetMesh,
+}
+
+fn subjects() -> Result<[Subject; 2]> {
+    Ok([
+        Subject {
+            name: "bar",
+            mesh: generate::paper_bar()?,
+        },
+        Subject {
+            name: "hollow",
+            mesh: bodies::hollow()?,
+        },
+    ])
+}
+
+impl Subject {
+    fn material(&self, poisson: f64, young: f64) -> Material {
+        Material {
+            model: MaterialModel::NeoHookean,
+            poisson,
+            length_unit: self.mesh.length_unit.unwrap_or(1.0),
+            ..Material::young(young)
+        }
+    }
+
+    fn hold(&self, body: &mut dyn Simulator) -> Result<()> {
+        let (low, high) = self.mesh.bounds();
+        let end = low.x + 0.05 * (high.x - low.x);
+        body.pin(|p| p.x <= end)?;
+        body.loads_mut().set_gravity(GRAVITY);
+        Ok(())
+    }
+
+    /// Default steps beside converged ones of the same length.
+    fn measure(&self, gpu: &Gpu, material: &Material, h: f64) -> Result<Vec<Cell>> {
+        let kind = SolverKind::Implicit;
+        let mut body = EngineChoice::Auto.tets(gpu, self.mesh.clone(), material, kind)?;
+        let settings = ConjugateGradients {
+            tolerance: 1e-8,
+            acceptable: 1e-2,
+            max_iterations: 20_000,
+        };
+        let own = (self.mesh.clone(), SpringNetwork::new(&self.mesh, material)?);
+        let how = (kind, settings);
+        let mut exact = CpuTets::of_network(gpu, own, material, how, Precision::Double)?;
+        self.hold(body.as_mut())?;
+        self.hold(&mut exact)?;
+        let (mut off, mut way, mut iterations) = (0.0f64, 0.0f64, 0);
+        for _ in 0..SAMPLES {
+            exact.run(STEPS / SAMPLES, h)?;
+            match body.run(STEPS / SAMPLES, h) {
+                Ok(_) => {}
+                Err(Error::Solver { .. }) => {
+                    return Ok(cells(4, 100.0 * off / way, 0, f64::NAN));
+                }
+                Err(other) => return Err(other),
+            }
+            iterations += body.iterations()?.iter().rev().take(5).sum::<u32>();
+            let truth = exact.positions()?;
+            off = off.max(apart(&body.positions()?, &truth));
+            way = way.max(apart(&self.mesh.nodes, &truth));
+        }
+        let inverted = body.report()?.inverted;
+        let share = off / way;
+        let state = match (inverted, share) {
+            (1.., _) => 3,
+            (_, ..=0.01) => 0,
+            (_, ..=0.2) => 1,
+            // Not a number too.
+            _ => 2,
+        };
+        let each = f64::from(iterations) / f64::from(STEPS);
+        Ok(cells(state, 100.0 * share, inverted, each))
+    }
+}
+
+fn cells(state: usize, off: f64, inverted: usize, iterations: f64) -> Vec<Cell> {
+    vec![
+        STATES[state].into(),
+        off.into(),
+        inverted.into(),
+        iterations.into(),
+    ]
+}
+
+/// Root mean square distance.
+fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
+    (sum / a.len().max(1) as f64).sqrt()
+}
+
+/// Maps the default, and tells which cells fail.
+pub fn run(run: &Run) -> Result<()> {
+    let subjects = subjects()?;
+    let (youngs, steps): (Vec<f64>, Vec<f64>) = match run.quick {
+        true => (vec![1e3, 1e6], vec![1e-2, 1e-1]),
+        false => (
+            (2..=9).map(|d| 10f64.powi(d)).collect(),
+            vec![1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1],
+        ),
+    };
+    let poissons = [0.3, 0.49];
+    let mut points = Vec::new();
+    for subject in &subjects {
+        for poisson in poissons {
+            for young in &youngs {
+                for h in &steps {
+                    points.push(vec![
+                        subject.name.into(),
+                        poisson.into(),
+                        (*young).into(),
+                        (*h).into(),
+                    ]);
+                }
+            }
+        }
+    }
+    let rows =
+        run.measure(
+            "stability_default",
+            &SETTINGS,
+            &RESULTS,
+            &points,
+            |point| match subjects.iter().find(|s| s.name == point[0].text()) {
+                Some(subject) => {
+                    let material = subject.material(point[1].number(), point[2].number());
+                    subject.measure(run.gpu, &material, point[3].number())
+                }
+                None => Ok(Vec::new()),
+            },
+        )?;
+    let mut charts = Vec::new();
+    for subject in &subjects {
+        for poisson in poissons {
+            let name = format!("stability-default-{}-{}", subject.name, 100.0 * poisson);
+            let own = |r: &&Row| r.text("body") == subject.name && r.number("poisson") == poisson;
+            let state = |young: f64, h: f64| {
+                let mut own = rows.iter().filter(own);
+                let row = own.find(|r| r.number("young_pa") == young && r.number("step_s") == h);
+                let known = row.and_then(|r| STATES.iter().position(|s| *s == r.text("state")));
+                known.unwrap_or(STATES.len())
+            };
+            StateMap {
+                title: format!(
+                    "{}: elements of ν = {poisson} at default settings",
+                    subject.name
+                ),
+                x: Axis::log("step (s)"),
+                y: Axis::log("Young's modulus (Pa)"),
+                xs: steps.clone(),
+                ys: youngs.clone(),
+                states: STATES.map(String::from).to_vec(),
+                cells: youngs
+                    .iter()
+                    .flat_map(|e| steps.iter().map(|h| state(*e, *h)).collect::<Vec<_>>())
+                    .collect(),
+                curves: Vec::new(),
+            }
+            .save(run.dir, &name)?;
+            charts.push(name);
+        }
+    }
+    let failed: Vec<String> = rows
+        .iter()
+        .filter(|r| STATES[2..].contains(&r.text("state")))
+        .map(|r| {
+            format!(
+                "{} of ν = {}, {:.0e} Pa, {} s: {} ({:.0} %)",
+                r.text("body"),
+                r.number("poisson"),
+                r.number("young_pa"),
+                r.number("step_s"),
+                r.text("state"),
+                r.number("off_converged_percent")
+            )
+        })
+        .collect();
+    let off = rows.iter().map(|r| r.number("off_converged_percent"));
+    let text = format!(
+        "A bar and a hollow body with slivers, of neo-Hookean elements, held at one end and released under their weight: {STEPS} steps of implicit Euler at default settings on the engine that `auto` takes, beside the same steps solved to the last digits in float64. Of {} cells {} fail{} The farthest is {:.1} % off.",
+        rows.len(),
+        failed.len(),
+        match failed.is_empty() {
+            true => ".".to_owned(),
+            false => format!(": {}.", failed.join("; ")),
+        },
+        off.fold(0.0, f64::max),
+    );
+    let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
+    run.tell(
+        "stability_default",
+        "The default, over step and stiffness",
+        &text,
+        &charts,
+    )
+}
