@@ -178,11 +178,14 @@ fn rigid_notes(mesh: &TetMesh, network: &SpringNetwork) -> Vec<String> {
     let mut notes = vec![format!(
         "{said} of {nodes} nodes, of which {surface} on their surfaces take part"
     )];
-    let welded = bodies.iter().filter(|b| b.labels.len() > 1).map(|b| {
-        let names: Vec<String> = b.labels.iter().map(name).collect();
-        names.join(", ")
-    });
-    let welded: Vec<String> = welded.collect();
+    let mut welded: Vec<String> = Vec::new();
+    for body in bodies.iter().filter(|b| b.labels.len() > 1) {
+        let names: Vec<String> = body.labels.iter().map(name).collect();
+        let names = names.join(", ");
+        if !welded.contains(&names) {
+            welded.push(names);
+        }
+    }
     if !welded.is_empty() {
         notes.push(format!(
             "rigid regions that share nodes are one body: {} ([mesh] part = [[A, B]] parts two)",

@@ -3,6 +3,7 @@
 use crate::support::gpu;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location};
+use palpate::physics::MaterialModel;
 use palpate::scene::{Scene, Stage};
 
 /// A bar of 0.12 m that hangs from its end at x = 0.
@@ -184,7 +185,7 @@ fn what_is_asked_for_is_written() {
 #[test]
 fn what_has_no_stress_says_so() {
     let mut springs = scene("von_mises", "");
-    springs.material.model = None;
+    springs.material.model = Some(MaterialModel::Springs);
     let said = refused(&springs);
     assert!(
         said.contains("springs") && said.contains("--material neo-hookean"),
@@ -257,7 +258,7 @@ size = [48, 36]
     assert!(soft > 100.0 * stiff && stiff > 0.0, "{soft} {stiff}");
     let springs = text.replace(
         "material = { model = \"corotated\", young = 1e7 }",
-        "material = { young = 1e7 }",
+        "material = { model = \"springs\", young = 1e7 }",
     );
     let mut springs = Scene::parse(&springs).unwrap();
     springs.picture.field = Some("stress_1".into());

@@ -56,7 +56,7 @@ pub fn surfaces() -> Result<Vec<(&'static str, TriMesh)>> {
 }
 
 fn main() -> Result<()> {
-    let here = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
+    let here = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     let folder = PathBuf::from(std::env::args().nth(1).unwrap_or(here.into()));
     std::fs::create_dir_all(&folder).map_err(palpate::Error::io(&folder))?;
     for (name, mesh) in meshes()? {

@@ -123,6 +123,7 @@ fn nodes_outside_are_carried_and_counted() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn forces_gathered_do_the_same_work() {
     let (fine, coarse) = limb_in_a_box();
     let gpu = Gpu::new().unwrap();

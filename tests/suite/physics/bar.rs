@@ -104,6 +104,7 @@ fn verlet_holds_small_steps_and_stops_large_ones() {
 
 /// The estimate of the largest stable step, damping and all, is one that holds, and not by far.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn the_stable_step_is_stable_and_not_timid() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();

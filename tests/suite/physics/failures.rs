@@ -92,6 +92,7 @@ fn runaway_energy_is_stopped_long_before_infinity() {
 
 /// Falling gives a body any amount of energy: that is no failure, nor is a hard throw.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn falling_and_flying_are_no_failures() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();

@@ -10,8 +10,8 @@ use std::sync::Arc;
 fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>, Floor) {
     let mesh = generate::ball(0.05, 6).unwrap();
     let material = Material {
-        damping_time: 6e-3,
-        ..Material::young(2e4)
+        damping_time: 8e-3,
+        ..Material::young(1e4)
     };
     let choice = EngineChoice::This(engine);
     let mut ball = choice.tets(&gpu(), mesh, &material, kind).unwrap();

@@ -152,7 +152,7 @@ fn scenes_name_them() {
     ] {
         let mut scene = Scene::parse(&format!("{text}{more}")).unwrap();
         if more.is_empty() {
-            scene.material.model = None;
+            scene.material.model = Some(MaterialModel::Springs);
         }
         let said = staged(&scene).err().unwrap().to_string();
         assert!(said.contains(words), "{said}");

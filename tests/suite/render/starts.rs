@@ -20,6 +20,7 @@ fn caster(mesh: &TetMesh, topology: &Topology, walk: Walk) -> Raycaster {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn every_ray_of_a_limb_starts() {
     let mesh = generate::by_name("limb", Some(9_000)).unwrap();
     let mut caster = caster(&mesh, &Topology::new(&mesh), Walk::Vertices);

@@ -227,6 +227,7 @@ fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
 
 /// Implicit Euler has no edge: a hundred times the others' limit, and ten thousand times.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn implicit_euler_holds_where_no_other_does() {
     let gpu = crate::support::gpu();
     let mesh = mesh();
@@ -260,6 +261,7 @@ impl Domain for Block {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn the_edge_of_grids() {
     let gpu = crate::support::gpu();
     let block = Block;
