@@ -185,12 +185,13 @@ fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
             SolverKind::VelocityVerlet,
             SolverKind::Implicit,
         ];
-        !quick || kinds_of_one(trial) || three.contains(kind)
+        let second_order = SolverKind::OF_ELEMENTS.contains(kind);
+        !quick || kinds_of_one(trial) || three.contains(kind) || second_order
     });
     let mut settings = Vec::new();
     for kind in kinds {
         let steps: Vec<u32> = match kind {
-            SolverKind::Implicit => (0..if quick { 4 } else { 7 }).map(|k| 2 << k).collect(),
+            kind if kind.is_implicit() => (0..if quick { 4 } else { 7 }).map(|k| 2 << k).collect(),
             _ => {
                 // One step that is too long, then shorter and shorter ones.
                 let first = (trial.fewest_stable(kind) / 2).max(1);

@@ -178,7 +178,11 @@ pub fn totals(rows: &[Row]) -> String {
     let implicit = |r: &Row| r.text("solver") == SolverKind::Implicit.name();
     let grid = |r: &Row| r.text("scene") == "pulled";
     let euler = |r: &Row| r.text("solver") == SolverKind::Explicit.name();
-    let explicit = |r: &Row| !implicit(r) && !grid(r) && !euler(r);
+    let second_order = |r: &Row| {
+        let mut kinds = SolverKind::OF_ELEMENTS.iter();
+        kinds.any(|k| k.name() == r.text("solver"))
+    };
+    let explicit = |r: &Row| !implicit(r) && !second_order(r) && !grid(r) && !euler(r);
     let of_grid = match rows.iter().any(grid) {
         true => format!(" {:.0e} to one of a grid body,", worst("f32_error", &grid)),
         false => String::new(),

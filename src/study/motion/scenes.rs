@@ -6,7 +6,8 @@ use crate::mesh::{TetMesh, generate};
 use crate::mesher::Domain;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    CpuGrid, EngineChoice, Material, Precision, RegionMaterial, Simulator, SolverKind,
+    CpuGrid, EngineChoice, Material, MaterialModel, Precision, RegionMaterial, Simulator,
+    SolverKind,
 };
 use crate::scene::{Motion, Scene};
 use crate::study::truth::State;
@@ -25,6 +26,7 @@ pub fn all(gpu: &Gpu, quick: bool) -> Result<Vec<Trial>> {
     let mut trials = vec![
         released(gpu, 3_000.0)?,
         released(gpu, 30_000.0)?,
+        swinging(gpu)?,
         falling(gpu)?,
         breathing(gpu)?,
     ];
@@ -60,7 +62,20 @@ fn released(gpu: &Gpu, kappa: f64) -> Result<Trial> {
     let mesh = generate::paper_bar()?;
     let mut body = body(gpu, mesh, &Material::paper(kappa, 0.0), |p| p.x < 1e-6)?;
     body.loads_mut().set_gravity(GRAVITY);
-    Trial::of_springs(gpu, "released", (kappa, "N/m"), DURATION, body, None)
+    Trial::of_network(gpu, "released", (kappa, "N/m"), DURATION, body, None)
+}
+
+/// The same of finite elements, over about a swing.
+fn swinging(gpu: &Gpu) -> Result<Trial> {
+    let mesh = generate::paper_bar()?;
+    let material = Material {
+        model: MaterialModel::NeoHookean,
+        ..Material::young(5e4)
+    };
+    let mut body = body(gpu, mesh, &material, |p| p.x < 1e-6)?;
+    body.loads_mut().set_gravity(GRAVITY);
+    let stiffness = (5e4, "Pa");
+    Trial::of_network(gpu, "swinging", stiffness, 4.0 * DURATION, body, None)
 }
 
 /// A bar, one end held, the other turned by a radian and let go; damped.
@@ -80,7 +95,7 @@ fn twisted(gpu: &Gpu) -> Result<Trial> {
         *x = (middle + turn * (*p - middle) - frame.origin) * unit;
     }
     let stiffness = (5e4, "Pa");
-    Trial::of_springs(gpu, "twisted", stiffness, DURATION, body, Some(start))
+    Trial::of_network(gpu, "twisted", stiffness, DURATION, body, Some(start))
 }
 
 /// The limb phantom, held at the elbow and pressed on the back of its hand; damped, its bones
@@ -109,7 +124,7 @@ fn pressed(gpu: &Gpu) -> Result<Trial> {
     let hand = nodes_where(body.mesh(), |p| p.x > 0.18 && p.x < 0.24);
     let loads = body.loads_mut();
     loads.add_force(DVec3::new(0.0, 0.0, -2.0), &hand)?;
-    Trial::of_springs(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
+    Trial::of_network(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
 }
 
 /// A block of grid particles, one end held, the other pulled and bent; damped.
@@ -170,7 +185,7 @@ fn falling(gpu: &Gpu) -> Result<Trial> {
         v: vec![thrown + t * GRAVITY; rest.len()],
     };
     let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
-    let trial = Trial::of_springs(gpu, "falling", stiffness, DURATION, body, start)?;
+    let trial = Trial::of_network(gpu, "falling", stiffness, DURATION, body, start)?;
     Ok(trial.exactly(Box::new(exact)))
 }
 
@@ -193,7 +208,7 @@ fn breathing(gpu: &Gpu) -> Result<Trial> {
         }
     };
     let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
-    let trial = Trial::of_springs(gpu, "spring", stiffness, 2.0 * DURATION, body, start)?;
+    let trial = Trial::of_network(gpu, "spring", stiffness, 2.0 * DURATION, body, start)?;
     Ok(trial.exactly(Box::new(exact)))
 }
 
@@ -239,7 +254,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     };
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = stem.unwrap_or_else(|| "scene".into());
-    let trial = Trial::of_springs(gpu, &name, stiffness, duration, simulator, None)?;
+    let trial = Trial::of_network(gpu, &name, stiffness, duration, simulator, None)?;
     // The truth takes at least three motions, the last of four times as many steps.
     let steps = 4.0 * 7.0 * f64::from(trial.fewest_stable(SolverKind::VelocityVerlet));
     if steps * (STEP + springs as f64) > AFFORDABLE {

@@ -94,12 +94,12 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// The motion of the body of `simulator`, which has springs and is at rest, under the loads
-    /// that it has: from `start`, or from rest.
+    /// The motion of the body of `simulator`, which has springs or elements and is at rest, under
+    /// the loads that it has: from `start`, or from rest.
     ///
     /// # Errors
     /// [`Error::Input`] for a body without springs; what the device refuses.
-    pub fn of_springs(
+    pub fn of_network(
         gpu: &Gpu,
         name: &str,
         stiffness: (f64, &'static str),
@@ -174,7 +174,13 @@ impl Trial {
     /// The solvers that can move it.
     pub fn kinds(&self) -> Vec<SolverKind> {
         match self.simulator.network() {
-            Some(_) => SolverKind::ALL.to_vec(),
+            Some(network) => {
+                let mut kinds = SolverKind::ALL.to_vec();
+                if !network.elements.is_empty() && self.engine() == Engine::Cpu {
+                    kinds.extend(SolverKind::OF_ELEMENTS);
+                }
+                kinds
+            }
             None => vec![SolverKind::Verlet],
         }
     }
