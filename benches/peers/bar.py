@@ -18,6 +18,7 @@ SCENE = """
 generate = "bar"
 tets = {tets}
 [material]
+model = "springs"
 young = {young}
 density = {density}
 damping = 0.0

@@ -76,15 +76,16 @@ impl Scene {
                     .into(),
             ));
         }
-        if material.model != MaterialModel::Springs {
+        let named = self.material.model.unwrap_or(MaterialModel::NeoHookean);
+        if named != MaterialModel::Springs {
             notes.push(format!(
-                "the cage is made of springs that give as springs in the mesh would, and not of {}",
-                material.model
+                "the cage is made of springs that give as springs in the mesh would, and not of {named} as the mesh itself"
             ));
         }
         let springs = Material {
             model: MaterialModel::Springs,
             volume: VolumeModel::default(),
+            mass_damping: 0.0,
             ..material.clone()
         };
         let material = &springs;

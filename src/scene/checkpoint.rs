@@ -19,7 +19,7 @@ use std::path::Path;
 
 /// The first line of the file: what it is, and the version of Palpate that wrote it. Another
 /// version steps and cuts in its own way.
-const FIRST_LINE: &str = concat!("palpate checkpoint 3 ", env!("CARGO_PKG_VERSION"), "\n");
+const FIRST_LINE: &str = concat!("palpate checkpoint 4 ", env!("CARGO_PKG_VERSION"), "\n");
 
 /// A cut that was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -204,7 +204,7 @@ impl MaterialEntry {
         let rigid = self.tissues.iter().find(|(_, tissue)| tissue.is_rigid());
         match (rigid, model) {
             (Some((name, _)), MaterialModel::Springs) => Err(Error::Input(format!(
-                "`{name}` is rigid, and springs have no rigid regions: take model = \"neo-hookean\" (or \"corotated\")"
+                "`{name}` is rigid, and springs have no rigid regions: take model = \"neo-hookean\" (or \"corotated\"), and no stiffness or damping of springs"
             ))),
             _ => Ok(()),
         }
@@ -213,8 +213,8 @@ impl MaterialEntry {
     /// The model that is meant: where none is named, elements for bodies of tets, and springs for
     /// what knows these only and where a stiffness or a damping of springs is given.
     fn model(&self, of_tets: bool) -> MaterialModel {
-        let of_springs =
-            self.stiffness.is_some() || self.damping.is_some() || self.damping_kind.is_some();
+        let damping = self.damping.is_some_and(|damping| damping != 0.0);
+        let of_springs = self.stiffness.is_some() || damping || self.damping_kind.is_some();
         self.model.unwrap_or(match of_tets && !of_springs {
             true => MaterialModel::NeoHookean,
             false => MaterialModel::Springs,
@@ -222,7 +222,7 @@ impl MaterialEntry {
     }
 
     /// The material of a body of tets, or of a grid or a cage, and in words what each region is made
-    /// of; what is not said is as in [`Material::soft_tissue`].
+    /// of; what is not said is as in [`Material::soft_tissue`], but for the model.
     pub(super) fn material(
         &self,
         mesh: &TetMesh,
@@ -297,7 +297,7 @@ impl MaterialEntry {
             );
         }
         if model == MaterialModel::Springs {
-            return wrong("a damping ratio is for elements: give model = \"neo-hookean\" (or --material neo-hookean), or `damping` for springs".into());
+            return wrong("a damping ratio is for elements: give model = \"neo-hookean\" (or --material neo-hookean) with Young's modulus to a body of tets, or `damping` to springs".into());
         }
         let sound = ratio >= 0.0 && ratio.is_finite() && frequency > 0.0 && frequency.is_finite();
         match sound {
@@ -402,7 +402,7 @@ impl MaterialEntry {
 }
 
 impl TissueEntry {
-    fn is_rigid(&self) -> bool {
+    pub(crate) fn is_rigid(&self) -> bool {
         matches!(self, TissueEntry::Table(table) if table.rigid)
     }
 

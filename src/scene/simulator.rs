@@ -152,8 +152,12 @@ pub(super) fn damping_to_bear(undamped: &SpringNetwork, kind: SolverKind) -> Opt
         0.05
     };
     let damping = share * limit;
+    let flags = match undamped.elements.is_empty() {
+        true => "--damping says",
+        false => "--damping-ratio with --damping-hz say",
+    };
     let said = format!(
-        "damping of {damping:.2e} s times the stiffness, which {kind} can bear; --damping says otherwise"
+        "damping of {damping:.2e} s times the stiffness, which {kind} can bear; {flags} otherwise"
     );
     Some((damping, said))
 }

@@ -3,8 +3,8 @@
 use super::{Axis, Cell, Chart, Look, Row, Run, Series};
 use crate::cage::CageKind;
 use crate::mesh::{TetMesh, bounds};
-use crate::physics::SolverKind;
-use crate::scene::{CageEntry, Motion, Scene};
+use crate::physics::{MaterialModel, SolverKind};
+use crate::scene::{CageEntry, Motion, Scene, TissueEntry};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::path::Path;
@@ -21,7 +21,7 @@ const QUICK_SHARES: [f64; 3] = [0.04, 0.1, 0.25];
 fn limb(tets: usize) -> Result<Scene> {
     Scene::parse(&format!(
         "[mesh]\ngenerate = \"limb\"\ntets = {tets}\n\
-         [material]\nyoung = 1e5\ndensity = 1060\nskin = {{ young = 2e5 }}\nfat = {{ young = 3e4 }}\n\
+         [material]\nmodel = \"springs\"\nyoung = 1e5\ndensity = 1060\nskin = {{ young = 2e5 }}\nfat = {{ young = 3e4 }}\n\
          tendon = {{ young = 2e5 }}\nbone = {{ young = 1e6 }}\nmarrow = {{ young = 2e5 }}\n\
          [solver]\nname = \"implicit\"\ndt = 0.0125\ntolerance = 0.01\ngravity = [0, 0, 0]\n\
          [[pin]]\naxis = \"x\"\nbelow = 0.04\n\
@@ -106,8 +106,16 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             "a cage carries no body that {entry} acts on; leave it out"
         )));
     }
+    let rigid = |tissue: &TissueEntry| tissue.is_rigid();
+    if scene.material.tissues.values().any(rigid) {
+        return Err(Error::Input(
+            "a cage carries no rigid regions; leave `rigid` out".into(),
+        ));
+    }
     scene.cage = None;
     scene.solver.name = Some("implicit".into());
+    // What cages are made of: their error is that of fewer nodes, and not of another matter.
+    scene.material.model = Some(MaterialModel::Springs);
     let mesh = scene.mesh_of_one()?;
     let name = match (&scene.mesh.generate, &scene.mesh.file) {
         (Some(name), _) => name.clone(),

@@ -27,6 +27,8 @@ const PACES: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 const TOLERANCES: [f64; 2] = [0.1, 0.01];
 /// So many explicit steps cost at least what one implicit step does.
 const MOST_EXPLICIT: f64 = 32.0;
+/// How often the elements of a body are gone through in a step, about.
+const EVALUATIONS: f64 = 3.0;
 /// The tolerance of truth.
 const TRUE_TOLERANCE: f64 = 1e-4;
 /// A share of a body's size below which nothing is called motion.
@@ -386,17 +388,18 @@ impl Trial for Motions<'_> {
 fn visits(motion: &Motion) -> Result<f64> {
     let simulator = motion.simulator.as_ref();
     let simulator = simulator.carrier().unwrap_or(simulator);
-    // What an element takes is about that of its six edges.
+    let springs = simulator.springs().len() as f64;
+    // Elements are gone through a few times a step, six edges each; iterations go along edges.
     let elements = simulator.network().map_or(0, |n| n.elements.tets.len());
-    let springs = (simulator.springs().len() + 6 * elements) as f64;
+    let elements = 6.0 * EVALUATIONS * elements as f64;
     let last = simulator.iterations()?;
     let last = &last[last.len().saturating_sub(PROBE as usize)..];
     if simulator.network().is_none() && last.is_empty() {
-        return Ok(2e-6 * springs);
+        return Ok(2e-6 * (springs + elements));
     }
     let iterations: u32 = last.iter().sum();
     let each = 3.0 + f64::from(iterations) / last.len().max(1) as f64;
-    Ok(2e-6 * springs * each)
+    Ok(2e-6 * (springs * each + elements))
 }
 
 /// Σ |a − b|².

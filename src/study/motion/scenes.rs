@@ -246,6 +246,9 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     let Some(network) = simulator.network() else {
         return Err(refused("cages"));
     };
+    if !network.elements.rigid.is_empty() {
+        return Err(refused("rigid regions, which explicit schemes do not step"));
+    }
     let springs = network.springs.len();
     let material = &scene.material;
     let stiffness = match material.stiffness {

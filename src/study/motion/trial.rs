@@ -286,9 +286,9 @@ impl Trial {
         found.largest = self.farthest(&outcome.states, &truth);
         let (kind, steps) = (setting.kind, setting.steps);
         let double = self.solved(DOUBLE, converged(kind), steps)?;
-        let single = match setting.cg {
-            Some(_) => self.solved(SINGLE, (kind, AS_FAR_AS_F32), steps)?,
-            None => Some(outcome.states.clone()),
+        let single = match kind.is_implicit() {
+            true => self.solved(SINGLE, (kind, AS_FAR_AS_F32), steps)?,
+            false => Some(outcome.states.clone()),
         };
         if let Some(double) = &double {
             found.time = apart(double, &truth);

@@ -1,5 +1,5 @@
-//! Whether the default holds: finite elements by implicit Euler at the default settings, against
-//! the same steps solved to the last digits, over step size and stiffness.
+//! Whether the default holds: undamped neo-Hookean elements by implicit Euler at the default
+//! settings, against the same steps solved to the last digits, over step size and stiffness.
 
 use crate::Result;
 use crate::mesh::{TetMesh, generate};
@@ -19,13 +19,14 @@ const RESULTS: [&str; 4] = [
     "iterations_a_step",
 ];
 
-/// What becomes of a cell; the last three are failures.
-const STATES: [&str; 5] = [
+/// What becomes of a cell: the third to the fifth are failures, of the last nothing is known.
+const STATES: [&str; 6] = [
     "within 1 %",
     "within 20 %",
     "farther off",
     "inverted at the end",
     "broke off",
+    "no truth",
 ];
 
 /// Steps of each cell, and how often they are compared.
@@ -34,7 +35,7 @@ const SAMPLES: u32 = 8;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-/// A body that is held at its left end and released, of the default material.
+/// A body that is held at its left end and released.
 struct Subject {
     name: &'static str,
     mesh: TetMesh,
@@ -87,7 +88,12 @@ impl Subject {
         self.hold(&mut exact)?;
         let (mut off, mut way, mut iterations) = (0.0f64, 0.0f64, 0);
         for _ in 0..SAMPLES {
-            exact.run(STEPS / SAMPLES, h)?;
+            if let Err(error) = exact.run(STEPS / SAMPLES, h) {
+                return match error {
+                    Error::Solver { .. } => Ok(cells(5, f64::NAN, 0, f64::NAN)),
+                    other => Err(other),
+                };
+            }
             match body.run(STEPS / SAMPLES, h) {
                 Ok(_) => {}
                 Err(Error::Solver { .. }) => {
@@ -178,7 +184,7 @@ pub fn run(run: &Run) -> Result<()> {
                 let mut own = rows.iter().filter(own);
                 let row = own.find(|r| r.number("young_pa") == young && r.number("step_s") == h);
                 let known = row.and_then(|r| STATES.iter().position(|s| *s == r.text("state")));
-                known.unwrap_or(STATES.len())
+                known.unwrap_or(STATES.len()).min(5)
             };
             StateMap {
                 title: format!(
@@ -189,7 +195,7 @@ pub fn run(run: &Run) -> Result<()> {
                 y: Axis::log("Young's modulus (Pa)"),
                 xs: steps.clone(),
                 ys: youngs.clone(),
-                states: STATES.map(String::from).to_vec(),
+                states: STATES[..5].iter().map(|s| (*s).to_owned()).collect(),
                 cells: youngs
                     .iter()
                     .flat_map(|e| steps.iter().map(|h| state(*e, *h)).collect::<Vec<_>>())
@@ -202,7 +208,7 @@ pub fn run(run: &Run) -> Result<()> {
     }
     let failed: Vec<String> = rows
         .iter()
-        .filter(|r| STATES[2..].contains(&r.text("state")))
+        .filter(|r| STATES[2..5].contains(&r.text("state")))
         .map(|r| {
             format!(
                 "{} of ν = {}, {:.0e} Pa, {} s: {} ({:.0} %)",

@@ -11,7 +11,7 @@ use palpate::scene::{Scene, Stage};
 fn limb(more: &str) -> String {
     format!(
         "[mesh]\ngenerate = \"limb\"\ntets = 6000\n\
-         [material]\nyoung = 1e5\nbone = {{ young = 1e6 }}\n\
+         [material]\nmodel = \"springs\"\nyoung = 1e5\nbone = {{ young = 1e6 }}\n\
          [[pin]]\naxis = \"x\"\nbelow = 0.08\n\
          [[force]]\non = {{ axis = \"x\", above = 0.85 }}\ntotal = [0, 0, -0.4]\n\
          [picture]\nsize = [96, 64]\n{more}"

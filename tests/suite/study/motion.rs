@@ -298,7 +298,9 @@ fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
     );
     for chart in [
         "motion_released_3000",
-        "motion_model",
+        "motion_model_five",
+        "motion_model_six",
+        "motion_swinging_50000",
         "motion_orders_damped",
     ] {
         assert!(dir.path().join(format!("{chart}.svg")).exists(), "{chart}");
