@@ -24,6 +24,10 @@ use super::terms::{At, Term};
 use super::vectors::{V4, add_scaled, scale, sub, zero};
 use crate::physics;
 
+/// The share of what nodes of a body do together that each would do by itself, at least: stiff
+/// bodies of many nodes move as a whole where no node alone would move by what shows.
+const ALONE: f64 = 0.1;
+
 /// Solves for which blocks are projected once exact ones failed.
 const PROJECTED: u32 = 8;
 
@@ -305,7 +309,7 @@ impl<T: Real> Minimiser<T> {
             implicit.linearise(&heavier, terms, at, gamma);
             implicit.refresh_tied(terms, gamma);
             let (start, weight, definite) = implicit.precondition(&heavier);
-            let floor = weight * T::NEGLIGIBLE * T::NEGLIGIBLE;
+            let floor = weight * (ALONE * T::NEGLIGIBLE).powi(2);
             if definite && start <= floor {
                 return None;
             }
