@@ -122,8 +122,9 @@ impl Stage {
         let passes = self.time_passes()?;
         let step_ms = self.time_steps(frames)?;
         let step_dispatches = self.count_step()?;
-        let loads = |name: &String| Ok((name.clone(), texture_loads(name)?));
-        let step_loads = step_dispatches.keys().map(loads).collect::<Result<_>>()?;
+        // Others may have drawn on the device meanwhile, by passes that are no shaders of that name.
+        let loads = |name: &String| Some((name.clone(), texture_loads(name).ok()?));
+        let step_loads = step_dispatches.keys().filter_map(loads).collect();
         if let Some(motion) = self.motion_mut() {
             motion.let_sleep(sleeps);
         }
