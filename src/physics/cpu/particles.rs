@@ -105,35 +105,36 @@ impl<T: Real> Particles<T> {
 
     /// As [`Particles::new`], its rows shared out in that many slabs, or fewer.
     pub fn with_slabs(model: &GridModel, slabs: usize) -> Particles<T> {
-        let twin = model.twin();
-        let count = twin.x.len();
+        let rest = model.places();
+        let count = rest.len();
         let length = model.frame.scale * model.length_unit;
         let bodies = model.masses.iter().filter(|m| **m > 0.0);
         let (sum, bodies) = bodies.fold((0.0, 0.0), |(s, n), m| (s + m, n + 1.0));
         let mean_mass = if bodies > 0.0 { sum / bodies } else { 1.0 };
         let shape = &model.shape;
+        let (offsets, lengths) = (shape.offsets(), shape.rest_lengths());
         let kinds = std::array::from_fn(|k| {
             let step = DVec3::from(STEPS[k].map(|n| n as f64));
-            let rest = shape.axes * (shape.spacing * step) * model.length_unit / length;
+            let step = shape.axes * (shape.spacing * step) * model.length_unit / length;
             Kind {
-                offset: twin.offsets[k] as isize,
-                rest: rest.to_array().map(T::of),
-                length: T::of(twin.lengths[k] / length),
+                offset: offsets[k] as isize,
+                rest: step.to_array().map(T::of),
+                length: T::of(lengths[k] * model.length_unit / length),
                 stiffness: T::ONE,
             }
         });
         let zeros = || std::array::from_fn(|_| vec![T::ZERO; count]);
         let mut body = Particles {
-            rest: twin.x,
+            rest,
             length,
             mean_mass,
             masses: model.masses.clone(),
             damping: model.damping,
             gravity: DVec3::ZERO,
             kinds,
-            stiffness: twin.stiffness,
-            springs: twin.springs,
-            factors: twin.factors.iter().map(|f| T::of(*f)).collect(),
+            stiffness: model.stiffness,
+            springs: model.springs.clone(),
+            factors: model.factors.iter().map(|f| T::of(*f)).collect(),
             inverse: vec![T::ZERO; count],
             forces: None,
             external: vec![DVec3::ZERO; count],

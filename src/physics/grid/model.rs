@@ -188,12 +188,17 @@ impl GridModel {
         forward.collect()
     }
 
-    /// The particles at rest in float64, in metres from the frame's origin: what the GPU is held
+    /// The particles' places at rest, in metres from the frame's origin.
+    pub(crate) fn places(&self) -> Vec<DVec3> {
+        (0..self.shape.regions.len())
+            .map(|i| (self.shape.place(i) - self.frame.origin) * self.length_unit)
+            .collect()
+    }
+
+    /// The particles at rest in float64, in metres from the frame's origin: what engines are held
     /// against.
     pub fn twin(&self) -> GridTwin {
-        let x: Vec<DVec3> = (0..self.shape.regions.len())
-            .map(|i| (self.shape.place(i) - self.frame.origin) * self.length_unit)
-            .collect();
+        let x = self.places();
         GridTwin {
             previous: x.clone(),
             springs: self.springs.clone(),
