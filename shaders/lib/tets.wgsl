@@ -32,6 +32,25 @@ fn gradient_of(tet: Tet, first: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f
     return mat3x3(a - first, b - first, c - first) * transpose(tet.gradients);
 }
 
+// J below which a tet counts as crushed, and how much harder it resists then, over μ.
+const CRUSHED: f32 = 0.3;
+const STOP: f32 = 56.0;
+
+// The energy of a change of volume J − 1.
+fn volume_energy(growth: f32, mu: f32, lambda: f32) -> f32 {
+    let c = clamp((CRUSHED - 1.0 - growth) / CRUSHED, 0.0, 1.0);
+    let stop = CRUSHED * c * c * c * c * (1.0 / 12.0 + c * (c / 30.0 - 0.1)) + max(-1.0 - growth, 0.0) / 30.0;
+    return 0.5 * lambda * growth * growth + 16.0 * STOP * CRUSHED * mu * stop;
+}
+
+// Its first and second derivatives.
+fn volume_stress(growth: f32, mu: f32, lambda: f32) -> vec2<f32> {
+    let c = clamp((CRUSHED - 1.0 - growth) / CRUSHED, 0.0, 1.0);
+    let stop = 16.0 * STOP * CRUSHED * mu * c * c * c * (1.0 / 3.0 + c * (0.2 * c - 0.5));
+    let bump = c * (1.0 - c);
+    return vec2(lambda * growth - stop, lambda + 16.0 * STOP * mu * bump * bump);
+}
+
 fn trace(m: mat3x3<f32>) -> f32 {
     return m[0].x + m[1].y + m[2].z;
 }

@@ -1,5 +1,6 @@
 // Fixed corotated material (Stomakhin et al. 2012, "Energetically Consistent Invertible
 // Elasticity", section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1.
+// What is crushed resists more; see `physics::elements`.
 #term law
 
 #import lib/tets
@@ -11,13 +12,14 @@ const RIDGE: f32 = 1e-4;
 fn corotated_energy(g: mat3x3<f32>, mu: f32, lambda: f32) -> f32 {
     let strain = polar(g).strain;
     let j = volume_change(g, cofactor(g));
-    return mu * double_dot(strain, strain) + 0.5 * lambda * j * j;
+    return mu * double_dot(strain, strain) + volume_energy(j, mu, lambda);
 }
 
 fn corotated_stress(g: mat3x3<f32>, mu: f32, lambda: f32) -> mat3x3<f32> {
     let parts = polar(g);
     let c = cofactor(g);
-    let volume = lambda * volume_change(g, c) * (unit_matrix() + cofactor_change(g, c));
+    let pressure = volume_stress(volume_change(g, c), mu, lambda).x;
+    let volume = pressure * (unit_matrix() + cofactor_change(g, c));
     return 2.0 * mu * parts.rotation * parts.strain + volume;
 }
 
@@ -25,9 +27,10 @@ fn corotated_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> Curvature {
     let s = vec3(1.0) + e;
     let volume = volume_of(e);
     let by = volume.xyz;
-    let pressure = lambda * volume.w;
-    let off = lambda * by.yzx * by.zxy + pressure * s;
-    let on = 2.0 * mu + lambda * by * by;
+    let stress = volume_stress(volume.w, mu, lambda);
+    let pressure = stress.x;
+    let off = stress.y * by.yzx * by.zxy + pressure * s;
+    let on = 2.0 * mu + stress.y * by * by;
     // 1 − 2/(σ_i + σ_j).
     let pairs = e.yzx + e.zxy;
     let sums = vec3(2.0) + pairs;

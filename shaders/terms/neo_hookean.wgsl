@@ -1,6 +1,6 @@
 // Stable Neo-Hookean material (Smith, de Goes & Kim 2018, "Stable Neo-Hookean Flesh Simulation",
 // equation 13, without the barrier): Ψ = μ/2 (|F|² − 3) − μ (J − 1) + λ/2 (J − 1)², the λ that
-// comes in being Lamé's λ + μ.
+// comes in being Lamé's λ + μ. What is crushed resists more; see `physics::elements`.
 //
 // In terms of G = F − I all that is of first order is gone: |F|²/2 − 3/2 − (J − 1) is
 // |G|²/2 − tr cof G − det G.
@@ -12,22 +12,25 @@
 fn neo_hookean_energy(g: mat3x3<f32>, mu: f32, lambda: f32) -> f32 {
     let c = cofactor(g);
     let j = volume_change(g, c);
-    return mu * (0.5 * double_dot(g, g) - trace(c) - dot(g[0], c[0])) + 0.5 * lambda * j * j;
+    let shear = mu * (0.5 * double_dot(g, g) - trace(c) - dot(g[0], c[0]));
+    return shear + volume_energy(j, mu, lambda);
 }
 
 fn neo_hookean_stress(g: mat3x3<f32>, mu: f32, lambda: f32) -> mat3x3<f32> {
     let c = cofactor(g);
     let change = cofactor_change(g, c);
-    return mu * (g - change) + lambda * volume_change(g, c) * (unit_matrix() + change);
+    let pressure = volume_stress(volume_change(g, c), mu, lambda).x;
+    return mu * (g - change) + pressure * (unit_matrix() + change);
 }
 
 fn neo_hookean_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> Curvature {
     let s = vec3(1.0) + e;
     let volume = volume_of(e);
     let by = volume.xyz;
-    let pressure = lambda * volume.w;
-    let off = lambda * by.yzx * by.zxy + (pressure - mu) * s;
-    let on = mu + lambda * by * by;
+    let stress = volume_stress(volume.w, mu, lambda);
+    let pressure = stress.x;
+    let off = stress.y * by.yzx * by.zxy + (pressure - mu) * s;
+    let on = mu + stress.y * by * by;
     return Curvature(
         mat3x3(on.x, off.z, off.y, off.z, on.y, off.x, off.y, off.x, on.z),
         mu + mu * s - pressure * s,

@@ -10,10 +10,22 @@
 //! - Fixed corotated (Stomakhin et al. 2012, "Energetically Consistent Invertible Elasticity",
 //!   section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1 for
 //!   inverted tets too.
+//!
+//! Both bear only so much: under a few times its Young's modulus a tet is pressed flat and comes out
+//! on the other side. So one that is crushed to less than J₀ = [`CRUSHED`] of its volume resists
+//! more: with c = (J₀ − J)/J₀ the second derivative of Ψ by J has 16 K c² (1 − c)² besides, K being
+//! [`STOP`] μ, down to J = 0, and nothing beyond, where more would only store energy. No tet that is
+//! not crushed is any different for it.
 
 use super::VolumeModel;
 use super::rigid::RigidBody;
 use glam::{DMat3, DVec3};
+
+/// J below which a tet counts as crushed. `shaders/lib/tets.wgsl` has the same.
+pub(crate) const CRUSHED: f64 = 0.3;
+
+/// How much harder crushed tets resist, over μ.
+pub(crate) const STOP: f64 = 56.0;
 
 /// The second derivatives of a tet's energy by its nodes a and b, at `[a][b]`.
 pub type Blocks = [[DMat3; 4]; 4];
@@ -72,11 +84,11 @@ impl Elements {
 /// When the minimisation of an implicit step of a body of elements stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Newton {
-    /// Newton iterations a step at most.
+    /// Newton iterations a step at most; more while they would turn tets inside out.
     pub iterations: u32,
     /// Residual to reach, over what moves the body (√(rᵀD⁻¹r), D the diagonal blocks); 0 for as
-    /// few iterations as the energy allows: one more only after one that lowered it by much less,
-    /// or much more, than a quadratic would have been lowered.
+    /// few iterations as the energy allows: more only after one that lowered it by much less, or
+    /// much more, than a quadratic would have been lowered, until they hardly lower it.
     pub tolerance: f64,
     /// Residual of the linear solves, over the one at the start of each.
     pub linear: f64,
@@ -99,7 +111,7 @@ impl Newton {
 impl Default for Newton {
     fn default() -> Self {
         Newton {
-            iterations: 4,
+            iterations: 12,
             tolerance: 0.0,
             linear: 0.15,
         }
@@ -182,7 +194,11 @@ impl Element {
             Law::NeoHookean => 0.5 * mu * (square(&f) - 3.0) - mu * (j - 1.0),
             Law::Corotated => mu * square(&(f - polar(&f).0)),
         };
-        self.volume * (density + 0.5 * lambda * (j - 1.0).powi(2))
+        let c = ((CRUSHED - j) / CRUSHED).clamp(0.0, 1.0);
+        let crushed = c.powi(4) / 12.0 - c.powi(5) / 10.0 + c.powi(6) / 30.0;
+        let beyond = (-j).max(0.0) / 30.0;
+        let stop = 16.0 * STOP * mu * CRUSHED * (CRUSHED * crushed + beyond);
+        self.volume * (density + 0.5 * lambda * (j - 1.0).powi(2) + stop)
     }
 
     /// Forces on the nodes at `corners` (m), N: −V P g_a.
@@ -200,9 +216,9 @@ impl Element {
     /// The first Piola–Kirchhoff stress P = ∂Ψ/∂F at F = `f`, Pa, where `pressure` (Pa, positive
     /// where it pulls) is added to that of the law.
     pub fn stress(&self, law: Law, f: &DMat3, pressure: f64) -> DMat3 {
-        let [mu, lambda] = self.lame;
         let (j, c) = (f.determinant(), cofactor(f));
-        let pressure = pressure + lambda * (j - 1.0);
+        let mu = self.lame[0];
+        let pressure = pressure + self.volume_stress(j)[0];
         match law {
             Law::NeoHookean => *f * mu + c * (pressure - mu),
             Law::Corotated => (*f - polar(f).0) * (2.0 * mu) + c * pressure,
@@ -275,12 +291,23 @@ impl Element {
         blocks
     }
 
+    /// What its volume ratio `j` costs: the first and second derivatives of that energy, Pa.
+    fn volume_stress(&self, j: f64) -> [f64; 2] {
+        let [mu, lambda] = self.lame;
+        let c = ((CRUSHED - j) / CRUSHED).clamp(0.0, 1.0);
+        let by = 16.0 * STOP * mu;
+        let stop = by * CRUSHED * (c.powi(3) / 3.0 - c.powi(4) / 2.0 + c.powi(5) / 5.0);
+        let more = by * (c * (1.0 - c)).powi(2);
+        [lambda * (j - 1.0) - stop, lambda + more]
+    }
+
     /// How the stress P changes when F = `f` changes by `d`, under a pressure that stays.
     fn stress_change(&self, law: Law, f: &DMat3, d: &DMat3, pressure: f64) -> DMat3 {
-        let [mu, lambda] = self.lame;
         let (j, c) = (f.determinant(), cofactor(f));
-        let pressure = pressure + lambda * (j - 1.0);
-        let volume = c * (lambda * double_dot(&c, d));
+        let mu = self.lame[0];
+        let [own, stiffness] = self.volume_stress(j);
+        let pressure = pressure + own;
+        let volume = c * (stiffness * double_dot(&c, d));
         let turning = cofactor_change(f, d);
         match law {
             Law::NeoHookean => *d * mu + volume + turning * (pressure - mu),

@@ -12,6 +12,7 @@ use super::lanes::Lane;
 use super::real::Real;
 use super::vectors::V4;
 use crate::physics::Law;
+use crate::physics::elements::{CRUSHED, STOP};
 
 /// Pairs of a tet's nodes, the ones of its blocks off the diagonal.
 pub(super) const PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
@@ -21,7 +22,7 @@ impl<T: Real> Batch<T> {
     #[inline(always)]
     pub fn energy(&self, law: Law, g: &L33<T::Lanes>) -> T::Lanes {
         let half = T::Lanes::of(0.5);
-        let [mu, lambda] = self.lame;
+        let mu = self.lame[0];
         let small = cofactor(g);
         let turn = small[0][0] + small[1][1] + small[2][2];
         let bulge = dot(small[0], g[0]);
@@ -36,7 +37,14 @@ impl<T: Real> Batch<T> {
                 dot(m, m)
             }
         };
-        mu * shear + half * lambda * growth * growth
+        mu * shear + volume_energy(self.lame, growth)
+    }
+
+    /// Whether any of the tets is inside out, or flat.
+    #[inline(always)]
+    pub fn inverted(&self, g: &L33<T::Lanes>) -> bool {
+        let growth = cofactor_of_gradient(g).2;
+        T::Lanes::of(-1.0).any_above(growth)
     }
 
     /// P times the volume, by columns, and the energy. `push` is a pressure, times the volume, that
@@ -44,16 +52,15 @@ impl<T: Real> Batch<T> {
     #[inline(always)]
     pub fn stress(&self, law: Law, g: &L33<T::Lanes>, push: T::Lanes) -> (L33<T::Lanes>, T::Lanes) {
         let (c, less, growth) = cofactor_of_gradient(g);
-        let [mu, lambda] = self.lame;
-        let half_growth = T::Lanes::of(0.5) * growth;
-        let own = lambda * growth;
-        let pressure = own + push;
+        let mu = self.lame[0];
+        let swelling = volume_energy(self.lame, growth);
+        let pressure = volume_stress(self.lame, growth)[0] + push;
         match law {
             Law::NeoHookean => {
                 let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
                 let trace = g[0][0] + g[1][1] + g[2][2];
                 let half = T::Lanes::of(0.5);
-                let energy = mu * (half * square - (growth - trace)) + own * half_growth;
+                let energy = mu * (half * square - (growth - trace)) + swelling;
                 // F − cof F, of which the units are gone.
                 let stress = combine(|j, i| mu * (g[j][i] - less[j][i]) + pressure * c[j][i]);
                 (stress, energy)
@@ -61,7 +68,7 @@ impl<T: Real> Batch<T> {
             Law::Corotated => {
                 let svd = Svd::new(g);
                 let m = svd.stretch;
-                let energy = mu * dot(m, m) + own * half_growth;
+                let energy = mu * dot(m, m) + swelling;
                 let bent = svd.with(m.map(|x| (mu + mu) * x));
                 (combine(|j, i| bent[j][i] + pressure * c[j][i]), energy)
             }
@@ -78,10 +85,12 @@ impl<T: Real> Batch<T> {
         d: &L33<T::Lanes>,
         [push, push_change]: [T::Lanes; 2],
     ) -> L33<T::Lanes> {
-        let [mu, lambda] = self.lame;
+        let mu = self.lame[0];
         let (c, _, growth) = cofactor_of_gradient(g);
-        let pressure = lambda * growth + push;
-        let change = lambda * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2])) + push_change;
+        let [own, stiffness] = volume_stress(self.lame, growth);
+        let pressure = own + push;
+        let change =
+            stiffness * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2])) + push_change;
         let f = with_unit(g);
         let turning = |j: usize| -> L3<T::Lanes> {
             let (k, l) = ((j + 1) % 3, (j + 2) % 3);
@@ -120,8 +129,9 @@ impl<T: Real> Batch<T> {
         if law == Law::NeoHookean && !projected {
             let f = with_unit(g);
             let (c, _, growth) = cofactor_of_gradient(g);
-            let [mu, lambda] = lame;
-            let s = lambda * growth + push - mu;
+            let mu = lame[0];
+            let [own, lambda] = volume_stress(lame, growth);
+            let s = own + push - mu;
             let cg = gradients.map(|g| times(&c, g));
             for (n, [a, b]) in PAIRS.iter().enumerate() {
                 // μ g_a·g_b I + λ (C g_a)(C g_b)ᵀ − s [F (g_a × g_b)]×.
@@ -179,6 +189,39 @@ impl<L: Lane> Svd<L> {
         let v = &self.v;
         combine(|j, i| uw[0][i] * v[0][j] + uw[1][i] * v[1][j] + uw[2][i] * v[2][j])
     }
+}
+
+/// The energy of a volume ratio of 1 + `growth`.
+#[inline(always)]
+fn volume_energy<L: Lane>([mu, lambda]: [L; 2], growth: L) -> L {
+    let c = crushed(growth);
+    let beyond = (L::of(-1.0) - growth).or_more(L::of(0.0));
+    let bracket = L::of(CRUSHED / 12.0) + c * (c * L::of(CRUSHED / 30.0) - L::of(CRUSHED / 10.0));
+    let square = c * c;
+    let stop = square * square * bracket + L::of(1.0 / 30.0) * beyond;
+    L::of(0.5) * lambda * growth * growth + L::of(16.0 * STOP * CRUSHED) * mu * stop
+}
+
+/// Its first and second derivatives.
+#[inline(always)]
+pub(super) fn volume_stress<L: Lane>([mu, lambda]: [L; 2], growth: L) -> [L; 2] {
+    let c = crushed(growth);
+    let square = c * c;
+    let bracket = L::of(1.0 / 3.0) + c * (c * L::of(0.2) - L::of(0.5));
+    let stop = L::of(16.0 * STOP * CRUSHED) * mu * square * c * bracket;
+    let bump = c * (L::of(1.0) - c);
+    [
+        lambda * growth - stop,
+        lambda + L::of(16.0 * STOP) * mu * bump * bump,
+    ]
+}
+
+/// How far a volume ratio of 1 + `growth` is from where tets count as crushed (0) to nothing (1).
+#[inline(always)]
+fn crushed<L: Lane>(growth: L) -> L {
+    let (zero, one) = (L::of(0.0), L::of(1.0));
+    let c = ((L::of(CRUSHED - 1.0) - growth) * L::of(1.0 / CRUSHED)).or_more(zero);
+    c.above(one, one, c)
 }
 
 #[inline(always)]

@@ -203,7 +203,8 @@ impl<L: Lane> Svd<L> {
         // J − 1 from the stretches.
         let pairs = m[0] * m[1] + m[1] * m[2] + m[2] * m[0];
         let growth = (m[0] + m[1] + m[2]) + pairs + m[0] * m[1] * m[2];
-        let pressure = lambda * growth + push;
+        let [own, lambda] = super::element_kernels::volume_stress([mu, lambda], growth);
+        let pressure = own + push;
         let rest = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
         let clamp = |x: L| if projected { x.or_more(zero) } else { x };
         let across = match law {

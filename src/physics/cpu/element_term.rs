@@ -225,6 +225,11 @@ impl<T: Real> List<T> {
             .sum()
     }
 
+    fn inverted(&self, u: &[V4<T>]) -> bool {
+        let mut batches = self.batches.iter();
+        batches.any(|batch| batch.inverted(&batch.gradient(u)))
+    }
+
     /// Adds the forces; of velocities `v`, if there are any, also those of the damping β. `push`
     /// tells what presses in the tets of a batch beside their law, and how that changes.
     #[inline(always)]
@@ -359,6 +364,11 @@ impl<T: Real> Term<T> for Tets<T> {
 
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
         self.chunks[chunk].energy(self.law, u)
+    }
+
+    fn inverted(&self, chunk: usize, u: &[V4<T>]) -> bool {
+        let chunk = &self.chunks[chunk];
+        chunk.inner.inverted(u) || chunk.outer.inverted(u)
     }
 
     fn lag(&mut self, plan: &Plan, u: &[V4<T>]) {

@@ -15,7 +15,7 @@ use super::guesses::{Guess, Guesses};
 use super::implicit::{Implicit, Scene};
 use super::loads::Loads;
 use super::pool::{Nodes, Plan};
-use super::potential::Trial;
+use super::potential::{Trial, inverted};
 use super::real::Real;
 use super::rigid::RigidBodies;
 use super::rigid_pose::Pose;
@@ -34,6 +34,17 @@ const PROJECTED: u32 = 8;
 /// An iteration that lowered Φ by this part of what it should have, or by its inverse, is followed
 /// by another.
 const TRUST: f64 = 0.7;
+
+/// After an iteration that failed of that, one more is needed as long as they promise to lower Φ by
+/// more than this part of what the best of them did.
+const NEAR: f64 = 0.02;
+
+/// Iterations of a step at most that starts with tets inside out: these recover soonest by steps
+/// that lose energy.
+const WRECKED: u32 = 4;
+
+/// Iterations of a step at most while it turns any tet inside out: what is may stay so for good.
+const UNFOLDING: u32 = 40;
 
 /// The minimisation of a step, and its vectors.
 #[derive(Clone, Debug)]
@@ -139,7 +150,11 @@ impl<T: Real> Minimiser<T> {
         }
         let mut descent = Descent::default();
         let mut first = 0.0;
-        for round in 0..self.settings.iterations.max(1) {
+        let most = self.settings.iterations.max(1);
+        let mut best_gain = 0.0f64;
+        // Whether no tet is inside out at the start, once that is known.
+        let mut whole = None;
+        for round in 0..most.max(UNFOLDING) {
             let scale = self.residual(implicit, scene, terms, form);
             let before = if round > 0 {
                 implicit.measure(scene.plan)
@@ -171,13 +186,30 @@ impl<T: Real> Minimiser<T> {
             };
             let ratio = fall / (0.5 * gain);
             let trusted = length == 1.0 && ratio > TRUST && ratio < 1.0 / TRUST;
-            let done = start <= goal || gain <= slack;
-            if done || (self.settings.tolerance == 0.0 && trusted) {
+            if start <= goal || gain <= slack {
+                break;
+            }
+            best_gain = best_gain.max(gain);
+            let by_energy = self.settings.tolerance == 0.0;
+            let last = round + 1 >= most;
+            let near = trusted && (round == 0 || gain <= NEAR * best_gain);
+            let enough = by_energy && (trusted || round + 1 >= WRECKED);
+            if !(enough || last) {
+                continue;
+            }
+            let wanted = (by_energy && !near && !last) || self.folded(scene, terms);
+            let whole = *whole.get_or_insert_with(|| !inverted(scene.plan, terms, scene.at.u));
+            if !(wanted && whole) {
                 break;
             }
         }
         descent.elastic = self.best.elastic;
         Some(descent)
+    }
+
+    /// Whether tets are inside out at the end of the step so far.
+    fn folded(&self, scene: &Scene<'_, T>, terms: &[Box<dyn Term<T>>]) -> bool {
+        inverted(scene.plan, terms, &self.best.place)
     }
 
     /// Writes the state at the end of the step that was found.

@@ -2,7 +2,7 @@
 
 use super::guesses::Guesses;
 use super::implicit::Scene;
-use super::pool::Nodes;
+use super::pool::{Nodes, Plan};
 use super::real::Real;
 use super::rigid::RigidBodies;
 use super::rules::Form;
@@ -123,4 +123,13 @@ impl<T: Real> Trial<T> {
         self.elastic = elastic;
         self.loss = form.gamma * loss;
     }
+}
+
+/// Whether any tet is inside out at the displacements `u`.
+pub fn inverted<T: Real>(plan: &Plan, terms: &[Box<dyn Term<T>>], u: &[V4<T>]) -> bool {
+    let [count] = plan.each((), &|chunk, _, ()| {
+        let any = terms.iter().any(|term| term.inverted(chunk, u));
+        [f64::from(u8::from(any))]
+    });
+    count > 0.0
 }

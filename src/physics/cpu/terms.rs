@@ -43,6 +43,11 @@ pub trait Term<T: Real>: Send + Sync {
     /// The energy alone that [`Term::elastic`] returns.
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64;
 
+    /// Whether any of the chunk's share is inside out at the displacements `u`.
+    fn inverted(&self, _: usize, _: &[V4<T>]) -> bool {
+        false
+    }
+
     /// Whether there is any damping.
     fn damped(&self) -> bool {
         false
