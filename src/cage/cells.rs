@@ -22,6 +22,8 @@ struct Sample {
     place: DVec3,
     /// Young's modulus times volume, Pa m³.
     stiffness: f64,
+    /// Of finite elements: Lamé's μ and λ times volume, Pa m³.
+    lame: [f64; 2],
     /// kg.
     mass: f64,
 }
@@ -33,6 +35,8 @@ pub(super) struct Content {
     pub held: bool,
     /// Young's modulus times the share of the cell that is filled, Pa.
     pub young: f64,
+    /// Of finite elements: Lamé's μ and λ times that share, Pa.
+    pub lame: [f64; 2],
     /// kg.
     pub mass: f64,
 }
@@ -106,12 +110,16 @@ impl Cells {
 
     fn fill(&mut self, mesh: &TetMesh, samples: &[Sample], unit: f64) {
         let volume = (self.spacing * unit).to_array().iter().product::<f64>();
-        let (mut stiffness, mut mass) = (0.0, 0.0);
+        let (mut stiffness, mut lame, mut mass) = (0.0, [0.0; 2], 0.0);
         for sample in samples {
             let cell = self.at(sample.place);
             let content = &mut self.contents[cell];
             content.held = true;
             content.young += sample.stiffness / volume;
+            for (k, share) in sample.lame.iter().enumerate() {
+                content.lame[k] += share / volume;
+                lame[k] += share;
+            }
             content.mass += sample.mass;
             stiffness += sample.stiffness;
             mass += sample.mass;
@@ -133,6 +141,15 @@ impl Cells {
         let mut total = 0.0;
         for content in self.contents.iter_mut().filter(|c| c.held) {
             content.young = content.young.max(LEAST_FILL * stiffness / body);
+            // One factor for both, so that Poisson's ratio stays.
+            let least = LEAST_FILL / body;
+            match content.lame[0] {
+                0.0 => content.lame = lame.map(|l| least * l),
+                mu => {
+                    let more = (least * lame[0] / mu).max(1.0);
+                    content.lame = content.lame.map(|l| more * l);
+                }
+            }
             content.mass = content.mass.max(LEAST_FILL * mass / body * volume);
             total += content.mass;
         }
@@ -203,8 +220,13 @@ fn samples(mesh: &TetMesh, network: &SpringNetwork, cell: f64) -> Result<Vec<Sam
         }
     }
     let mut samples = Vec::new();
+    let law = network.elements.law;
+    let mut elements = network.elements.tets.iter().peekable();
     for t in 0..mesh.tets.len() {
         let own = volume(t);
+        // Elements are in the order of the mesh's tets, of which some may be none.
+        let element = elements.next_if(|e| e.nodes == mesh.tets[t]);
+        let lame = element.map_or([0.0; 2], |e| e.small_strain(law).map(|l| l * own));
         if own <= 0.0 {
             continue;
         }
@@ -226,6 +248,7 @@ fn samples(mesh: &TetMesh, network: &SpringNetwork, cell: f64) -> Result<Vec<Sam
         samples.extend((0..count).map(|n| Sample {
             place: place_in(corners, n),
             stiffness: stiffness / count as f64,
+            lame: lame.map(|l| l / count as f64),
             mass: mass / count as f64,
         }));
     }

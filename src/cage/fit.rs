@@ -1,7 +1,7 @@
 //! How far a body gives under loads, in float64 and for small displacements.
 
 use crate::parallel;
-use crate::physics::SpringNetwork;
+use crate::physics::{Element, SpringNetwork};
 use glam::{DMat3, DVec3};
 
 /// Most iterations of conjugate gradients.
@@ -14,6 +14,10 @@ const ROUGH: f64 = 1e-3;
 /// A list for each load case: loads, N, or displacements under them, m.
 pub(super) type Cases = Vec<Vec<DVec3>>;
 
+/// How much stiffer than the mean spring of what is soft those within rigid bodies are taken to be,
+/// at most: conjugate gradients have to get through.
+const RIGID: f64 = 100.0;
+
 /// The weight of a body at 1 m/s² along each axis.
 pub(super) fn weights(network: &SpringNetwork) -> Cases {
     let along = |axis: DVec3| network.masses.iter().map(|m| *m * axis).collect();
@@ -23,8 +27,11 @@ pub(super) fn weights(network: &SpringNetwork) -> Cases {
 /// A network held at some nodes, linear in its displacements.
 pub(super) struct Held<'a> {
     network: &'a SpringNetwork,
-    /// Of each node: what it is tied to, and the root of κ times the direction there.
-    rows: Vec<Vec<(u32, DVec3)>>,
+    /// Of each node: what it is tied to, and by which edge.
+    rows: Vec<Vec<(u32, u32)>>,
+    /// Of each edge, from the smaller node i to j: B for a force B (u_j − u_i) on i; that on j is
+    /// Bᵀ (u_i − u_j).
+    edges: Vec<DMat3>,
     free: Vec<bool>,
     /// The inverse diagonal blocks of the stiffness.
     inverse: Vec<DMat3>,
@@ -38,15 +45,19 @@ impl<'a> Held<'a> {
         let count = network.rest.len();
         let mut rows = vec![Vec::new(); count];
         let mut blocks = vec![DMat3::ZERO; count];
-        for s in network.springs.iter().filter(|s| s.stiffness > 0.0) {
-            let [i, j] = s.nodes.map(|v| v as usize);
-            let along = (network.rest[j] - network.rest[i]).normalize_or_zero();
-            let b = s.stiffness.sqrt() * along;
-            rows[i].push((j as u32, b));
-            rows[j].push((i as u32, b));
-            for v in [i, j] {
-                blocks[v] += DMat3::from_cols(b * b.x, b * b.y, b * b.z);
+        let edges = match network.elements.is_empty() {
+            true => edges_of_springs(network),
+            false => edges_of_elements(network),
+        };
+        for (e, (spring, b)) in network.springs.iter().zip(&edges).enumerate() {
+            if *b == DMat3::ZERO {
+                continue;
             }
+            let [i, j] = spring.nodes.map(|v| v as usize);
+            rows[i].push((j as u32, e as u32));
+            rows[j].push((i as u32, e as u32));
+            blocks[i] += *b;
+            blocks[j] += b.transpose();
         }
         let free = reached(&rows, pinned);
         let inverse = blocks
@@ -65,6 +76,7 @@ impl<'a> Held<'a> {
         Held {
             network,
             rows,
+            edges,
             free,
             inverse,
             tolerance: TOLERANCE,
@@ -84,7 +96,13 @@ impl<'a> Held<'a> {
             let own = p[i];
             let parts = self.rows[i].iter();
             parts
-                .map(|(j, b)| *b * b.dot(own - p[*j as usize]))
+                .map(|(j, e)| {
+                    let (b, apart) = (&self.edges[*e as usize], own - p[*j as usize]);
+                    match i < *j as usize {
+                        true => *b * apart,
+                        false => b.transpose() * apart,
+                    }
+                })
                 .sum::<DVec3>()
         };
         parallel::map(p.len(), row)
@@ -163,6 +181,79 @@ impl<'a> Held<'a> {
     }
 }
 
+/// κ n nᵀ of each spring.
+fn edges_of_springs(network: &SpringNetwork) -> Vec<DMat3> {
+    parallel::map(network.springs.len(), |s| spring_edge(network, s, f64::MAX))
+}
+
+/// The same of a spring whose κ counts up to `most`.
+fn spring_edge(network: &SpringNetwork, s: usize, most: f64) -> DMat3 {
+    let spring = &network.springs[s];
+    let [a, b] = spring.nodes.map(|v| network.rest[v as usize]);
+    let along = (b - a).normalize_or_zero();
+    outer(along, along) * spring.stiffness.clamp(0.0, most)
+}
+
+/// The blocks of linear elasticity at rest, with their signs turned, of which those of a node add
+/// up to zero with its own. Rigid bodies have springs, stiff ones.
+fn edges_of_elements(network: &SpringNetwork) -> Vec<DMat3> {
+    let springs = &network.springs;
+    let mut edges = vec![DMat3::ZERO; springs.len()];
+    let mut soft = vec![false; springs.len()];
+    for element in &network.elements.tets {
+        let stiffness = stiffness(element, network);
+        for (a, va) in element.nodes.iter().enumerate() {
+            for (b, vb) in element.nodes.iter().enumerate().filter(|(_, vb)| va < vb) {
+                let found = springs.binary_search_by_key(&[*va, *vb], |s| s.nodes);
+                if let Ok(e) = found {
+                    edges[e] -= stiffness(a, b);
+                    soft[e] = true;
+                }
+            }
+        }
+    }
+    if network.elements.rigid.is_empty() {
+        return edges;
+    }
+    let count = soft.iter().filter(|s| **s).count().max(1);
+    let (all, flags) = (springs.iter(), soft.iter());
+    let sum: f64 = all
+        .zip(flags)
+        .map(|(s, soft)| if *soft { s.stiffness } else { 0.0 })
+        .sum();
+    let most = RIGID * sum / count as f64;
+    let mut body = vec![usize::MAX; network.rest.len()];
+    for (k, rigid) in network.elements.rigid.iter().enumerate() {
+        rigid.nodes.iter().for_each(|v| body[*v as usize] = k);
+    }
+    for (e, spring) in springs.iter().enumerate() {
+        let [a, b] = spring.nodes.map(|v| body[v as usize]);
+        if a != usize::MAX && a == b {
+            edges[e] = spring_edge(network, e, most);
+        }
+    }
+    edges
+}
+
+/// K_ab of a tet at rest, N/m: V (μ (g_a·g_b I + g_b g_aᵀ) + λ g_a g_bᵀ), of averaged volumes with
+/// as much of λ as the tet keeps.
+fn stiffness(element: &Element, network: &SpringNetwork) -> impl Fn(usize, usize) -> DMat3 {
+    let elements = &network.elements;
+    let [mu, lambda] = element.small_strain(elements.law);
+    let lambda = lambda - elements.averaged(element);
+    let (gradients, volume) = (element.gradients(), element.volume);
+    move |a, b| {
+        let (ga, gb) = (gradients[a], gradients[b]);
+        let shear = DMat3::from_diagonal(DVec3::splat(ga.dot(gb))) + outer(gb, ga);
+        (shear * mu + outer(ga, gb) * lambda) * volume
+    }
+}
+
+/// a bᵀ.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
 /// How far a body gives: the work of all loads.
 pub(super) fn compliance(loads: &Cases, given: &Cases) -> f64 {
     loads.iter().zip(given).map(|(f, u)| dot(f, u)).sum()
@@ -173,7 +264,7 @@ fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
 }
 
 /// The nodes that can move, of parts that are pinned at three nodes or more.
-fn reached(rows: &[Vec<(u32, DVec3)>], pinned: &[bool]) -> Vec<bool> {
+fn reached(rows: &[Vec<(u32, u32)>], pinned: &[bool]) -> Vec<bool> {
     let mut free = vec![false; rows.len()];
     let mut seen = vec![false; rows.len()];
     for first in 0..rows.len() {

@@ -5,7 +5,7 @@ use super::fit::{Held, compliance, weights};
 use crate::mesh::generate::{Grid, Split, grid};
 use crate::mesh::{LocalFrame, TET_EDGES, TetMesh, Transfer};
 use crate::physics::grid::{GridModel, GridShape, SPRING_KINDS, STEPS, isotropic};
-use crate::physics::{Material, Spring, SpringNetwork};
+use crate::physics::{Element, Elements, Material, Spring, SpringNetwork};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -70,7 +70,7 @@ pub struct CageReport {
     pub spacing: [f64; 3],
     /// Fine nodes outside its tets.
     pub outside: usize,
-    /// What its springs were multiplied by so that it gives as the fine body does.
+    /// What its stiffness was multiplied by so that it gives as the fine body does.
     pub fitted: f64,
     /// Rate of damping of the slowest swing, 1/s.
     pub damping: f64,
@@ -79,14 +79,15 @@ pub struct CageReport {
 /// A coarse body that carries a fine one: cells around the fine mesh, with its mass and
 /// stiffness.
 ///
-/// Each cell has the mass of what it holds of the fine body, and the mean of its Young's modulus
-/// over the whole cell; so cells that are partly filled are lighter and softer. The springs of
-/// full cells are as stiff in all directions. Parts of the body that share a cell are one.
+/// Each cell has the mass of what it holds of the fine body, and the mean of its moduli over the
+/// whole cell; so cells that are partly filled are lighter and softer. A lattice around a body of
+/// finite elements is one of elements by the same law. Otherwise cells have springs, those of full
+/// cells as stiff in all directions. Parts of the body that share a cell are one.
 #[derive(Clone, Debug)]
 pub struct Cage {
     /// The tets that carry the fine nodes, in the unit of the fine mesh.
     pub mesh: TetMesh,
-    /// Its masses and springs.
+    /// Its masses, and its springs or elements.
     pub network: SpringNetwork,
     /// The same as particles on a grid, where it is of that kind.
     pub grid: Option<GridModel>,
@@ -97,11 +98,12 @@ pub struct Cage {
 }
 
 impl Cage {
-    /// A cage of about `nodes` nodes around `mesh`, a body with these masses and springs.
+    /// A cage of about `nodes` nodes around `mesh`, a body with these masses and springs or
+    /// elements.
     ///
     /// # Errors
-    /// [`Error::Input`] for a number of nodes that makes no sense; [`Error::Mesh`] for a mesh
-    /// without an inside.
+    /// [`Error::Input`] for a number of nodes that makes no sense, rigid regions, or particles
+    /// around a body of elements; [`Error::Mesh`] for a mesh without an inside.
     pub fn new(
         mesh: &TetMesh,
         network: &SpringNetwork,
@@ -114,6 +116,18 @@ impl Cage {
                 NODES.start(),
                 NODES.end()
             )));
+        }
+        if !network.elements.rigid.is_empty() {
+            return Err(Error::Input(
+                "a cage has no rigid regions: leave them elastic, or simulate the body itself"
+                    .into(),
+            ));
+        }
+        if kind == CageKind::Grid && !network.elements.is_empty() {
+            return Err(Error::Input(
+                "a cage of kind \"grid\" has springs: give it a body of springs, or take a lattice"
+                    .into(),
+            ));
         }
         let cells = Cells::about(mesh, network, nodes)?;
         let (own, own_network, grid) = match kind {
@@ -194,7 +208,7 @@ impl Cage {
         chosen.into_iter().collect()
     }
 
-    /// Makes the springs stiffer or softer, all by one factor, so that the cage held at `pinned`
+    /// Makes the cage stiffer or softer, all of it by one factor, so that the cage held at `pinned`
     /// gives as far as the fine body held at `fine_pinned`, for small displacements: the work of
     /// `load`, N on the fine nodes, is the same; without a load, that of the body's weight along
     /// the three axes. Coarse cells bend less readily than fine ones, and this makes up for it.
@@ -252,6 +266,9 @@ impl Cage {
         for spring in &mut self.network.springs {
             spring.stiffness *= factor;
         }
+        for element in &mut self.network.elements.tets {
+            element.lame = element.lame.map(|l| l * factor);
+        }
         if let Some(grid) = &mut self.grid {
             grid.stiffness = grid.stiffness.map(|k| k * factor);
             grid.damping = damping;
@@ -304,7 +321,7 @@ fn damped_as(
     }
 }
 
-/// Tets over the cells, and springs along their edges.
+/// Tets over the cells, and springs along their edges; of a body of elements the tets are some too.
 ///
 /// A cell of five tets has each edge of the cell, and one diagonal of each face. With κ of the
 /// edges as [`isotropic`] has them, shared by four cells, and κ of the diagonals doubled, for
@@ -324,6 +341,7 @@ fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwor
     let shares = isotropic(cells.spacing * unit, 1.0)?;
     let mut masses = vec![0.0; mesh.nodes.len()];
     let mut springs: BTreeMap<[u32; 2], f64> = BTreeMap::new();
+    let mut elements = Vec::new();
     for five in mesh.tets.chunks_exact(5) {
         let corner = |v: u32| nodes[v as usize];
         let lowest = five
@@ -333,6 +351,11 @@ fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwor
             .reduce(|a, b| [0, 1, 2].map(|k| a[k].min(b[k])))
             .unwrap_or_default();
         let content = cells.content(lowest.map(|n| n as i64));
+        if !fine.elements.is_empty() {
+            for tet in five {
+                elements.push(element(&mesh, *tet, content.lame, fine)?);
+            }
+        }
         let mut edges: Vec<[u32; 2]> = five
             .iter()
             .flat_map(|tet| TET_EDGES.map(|[a, b]| [tet[a].min(tet[b]), tet[a].max(tet[b])]))
@@ -374,8 +397,30 @@ fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwor
             }
         })
         .collect();
-    let network = damped_as(fine, frame, rest, masses, springs);
+    let mut network = damped_as(fine, frame, rest, masses, springs);
+    network.elements = Elements {
+        tets: elements,
+        rigid: Vec::new(),
+        ..fine.elements.clone()
+    };
     Ok((mesh, network))
+}
+
+/// A tet of `mesh` with Lamé's μ and λ, Pa, by the law of `fine`.
+fn element(
+    mesh: &TetMesh,
+    tet: [u32; 4],
+    [mu, lambda]: [f64; 2],
+    fine: &SpringNetwork,
+) -> Result<Element> {
+    let young = mu * (3.0 * lambda + 2.0 * mu) / (lambda + mu);
+    let poisson = 0.5 * lambda / (lambda + mu);
+    let corners = tet.map(|v| mesh.nodes[v as usize] * fine.length_unit);
+    Element::new(tet, corners, young, poisson, fine.elements.law).ok_or_else(|| {
+        Error::Mesh(format!(
+            "a cell of the cage would have a Young's modulus of {young} Pa and a Poisson's ratio of {poisson}; ask for fewer nodes"
+        ))
+    })
 }
 
 /// Particles at the corners of the cells: each has an eighth of the mass of the cells around it,

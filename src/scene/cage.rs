@@ -6,7 +6,7 @@ use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
 use crate::cage::{Cage, CageKind, Carried};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork, VolumeModel};
+use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -15,12 +15,13 @@ use serde::Deserialize;
 const NODES: usize = 2000;
 
 /// A cage: a coarse body made from the mesh and its material, simulated in its place. The mesh
-/// is carried along and drawn. Pins, forces, grabs and materials are those of the mesh.
+/// is carried along and drawn. Pins, forces, grabs and materials are those of the mesh; a lattice
+/// is made of what the mesh is, a grid of springs.
 ///
 /// ```toml
 /// [cage]
 /// nodes = 2000            # about how many
-/// kind = "lattice"        # tets, for any solver; or "grid": particles, stepped by verlet
+/// kind = "lattice"        # tets, for any solver; or "grid": particles with springs, stepped by verlet
 /// # damping = 8.0         # of a grid: every particle is braked by this rate, 1/s
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -76,19 +77,12 @@ impl Scene {
                     .into(),
             ));
         }
-        let named = self.material.model.unwrap_or(MaterialModel::NeoHookean);
-        if named != MaterialModel::Springs {
-            notes.push(format!(
-                "the cage is made of springs that give as springs in the mesh would, and not of {named} as the mesh itself"
-            ));
+        if form == CageKind::Grid && material.model != MaterialModel::Springs {
+            return Err(Error::Input(format!(
+                "a cage of kind \"grid\" has springs, and the mesh is of {}: leave `model` out (--material), or take kind = \"lattice\"",
+                material.model
+            )));
         }
-        let springs = Material {
-            model: MaterialModel::Springs,
-            volume: VolumeModel::default(),
-            mass_damping: 0.0,
-            ..material.clone()
-        };
-        let material = &springs;
         let fine = SpringNetwork::new(&mesh, material)?;
         let mut cage = Cage::new(&mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
         let (held, end) = self.held(&mesh, &fine)?;
@@ -112,8 +106,9 @@ impl Scene {
         cage.fit(&fine, &fine_pinned, &pinned, load.as_deref())?;
         let report = cage.report();
         notes.push(format!(
-            "a {form} of {} nodes carries the {} of the mesh; its springs are {:.3} times as stiff as their cells, so that it gives as the mesh does",
+            "a {form} of {} nodes of {} carries the {} of the mesh; it is {:.3} times as stiff as what its cells hold, so that it gives as the mesh does",
             report.nodes,
+            material.model,
             mesh.nodes.len(),
             report.fitted
         ));

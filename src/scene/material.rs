@@ -221,7 +221,7 @@ impl MaterialEntry {
         })
     }
 
-    /// The material of a body of tets, or of a grid or a cage, and in words what each region is made
+    /// The material of a body of tets (or a lattice of them), or of particles on a grid, and in words what each region is made
     /// of; what is not said is as in [`Material::soft_tissue`], but for the model.
     pub(super) fn material(
         &self,

@@ -4,7 +4,7 @@ use super::acting::Actors;
 use super::load::{Response, said, weight};
 use super::reactions::PinSet;
 use super::{FloorEntry, Scene};
-use crate::cage::CageReport;
+use crate::cage::{CageKind, CageReport};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridModel, GridShape};
@@ -74,7 +74,8 @@ impl Setup {
                 "one unit of the mesh is taken to be a metre, so the body is {length:.3} m long; --unit mm (or cm) says otherwise"
             ));
         }
-        let of_tets = shape.is_none() && scene.cage.is_none();
+        let grid_cage = scene.cage.as_ref().and_then(|c| c.kind) == Some(CageKind::Grid);
+        let of_tets = shape.is_none() && !grid_cage;
         let (mut material, said) = scene.material.material(&mesh, of_tets)?;
         notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);

@@ -7,8 +7,16 @@ use crate::physics::{MaterialModel, SolverKind};
 use crate::scene::{CageEntry, Motion, Scene, TissueEntry};
 use crate::{Error, Result};
 use glam::DVec3;
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 use std::time::Instant;
+
+/// What bodies are made of, and the cages of that.
+const MATTERS: &[(MaterialModel, &[CageKind])] = &[
+    (MaterialModel::NeoHookean, &[CageKind::Lattice]),
+    (MaterialModel::Springs, &[CageKind::Lattice, CageKind::Grid]),
+];
 
 /// Seconds of motion, and looks at it.
 const SECONDS: f64 = 2.0;
@@ -21,7 +29,7 @@ const QUICK_SHARES: [f64; 3] = [0.04, 0.1, 0.25];
 fn limb(tets: usize) -> Result<Scene> {
     Scene::parse(&format!(
         "[mesh]\ngenerate = \"limb\"\ntets = {tets}\n\
-         [material]\nmodel = \"springs\"\nyoung = 1e5\ndensity = 1060\nskin = {{ young = 2e5 }}\nfat = {{ young = 3e4 }}\n\
+         [material]\nyoung = 1e5\ndensity = 1060\nskin = {{ young = 2e5 }}\nfat = {{ young = 3e4 }}\n\
          tendon = {{ young = 2e5 }}\nbone = {{ young = 1e6 }}\nmarrow = {{ young = 2e5 }}\n\
          [solver]\nname = \"implicit\"\ndt = 0.0125\ntolerance = 0.01\ngravity = [0, 0, 0]\n\
          [[pin]]\naxis = \"x\"\nbelow = 0.04\n\
@@ -114,8 +122,6 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     }
     scene.cage = None;
     scene.solver.name = Some("implicit".into());
-    // What cages are made of: their error is that of fewer nodes, and not of another matter.
-    scene.material.model = Some(MaterialModel::Springs);
     let mesh = scene.mesh_of_one()?;
     let name = match (&scene.mesh.generate, &scene.mesh.file) {
         (Some(name), _) => name.clone(),
@@ -128,15 +134,19 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     };
     let shares: &[f64] = if run.quick { &QUICK_SHARES } else { &SHARES };
     let count = mesh.nodes.len();
-    let mut points: Vec<Vec<Cell>> = vec![point(&name, &mesh, "own", count)];
-    for kind in [CageKind::Lattice, CageKind::Grid] {
-        let wanted = shares.iter().map(|s| (s * count as f64).round().max(20.0));
-        points.extend(wanted.map(|n| point(&name, &mesh, kind.name(), n as usize)));
+    let mut points: Vec<Vec<Cell>> = Vec::new();
+    for (model, kinds) in MATTERS {
+        points.push(point(&name, &mesh, (model, "own"), count));
+        for kind in *kinds {
+            let wanted = shares.iter().map(|s| (s * count as f64).round().max(20.0));
+            let kind = (model, kind.name());
+            points.extend(wanted.map(|n| point(&name, &mesh, kind, n as usize)));
+        }
     }
-    let mut truth: Option<Moved> = None;
+    let mut truths: BTreeMap<&str, Moved> = BTreeMap::new();
     let rows = run.measure(
         "cages",
-        &["mesh", "tets", "body", "nodes wanted", "seconds"],
+        &["mesh", "tets", "matter", "body", "nodes wanted", "seconds"],
         &[
             "nodes",
             "path error",
@@ -147,19 +157,22 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         ],
         &points,
         |point| {
-            if truth.is_none() {
-                truth = Some(moved(run, &scene, SolverKind::Implicit, &mesh)?);
-            }
-            let Some(truth) = &truth else {
+            let Some((model, _)) = MATTERS.iter().find(|m| m.0.name() == point[2].text()) else {
                 return Ok(Vec::new());
             };
             let mut own = scene.clone();
-            let found = match point[2].text() {
+            // Of the same matter as what it carries: its error is that of fewer nodes.
+            own.material.model = Some(*model);
+            let truth = match truths.entry(model.name()) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(moved(run, &own, SolverKind::Implicit, &mesh)?),
+            };
+            let found = match point[3].text() {
                 "own" => None,
                 kind => {
                     let kind: CageKind = kind.parse()?;
                     own.cage = Some(CageEntry {
-                        nodes: Some(point[3].number() as usize),
+                        nodes: Some(point[4].number() as usize),
                         kind: Some(kind),
                         damping: None,
                     });
@@ -190,10 +203,16 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     tell(run, &rows, &mesh, &name)
 }
 
-fn point(name: &str, mesh: &TetMesh, body: &str, nodes: usize) -> Vec<Cell> {
+fn point(
+    name: &str,
+    mesh: &TetMesh,
+    (model, body): (&MaterialModel, &str),
+    nodes: usize,
+) -> Vec<Cell> {
     vec![
         name.into(),
         mesh.tets.len().into(),
+        model.name().into(),
         body.into(),
         nodes.into(),
         SECONDS.into(),
@@ -201,39 +220,42 @@ fn point(name: &str, mesh: &TetMesh, body: &str, nodes: usize) -> Vec<Cell> {
 }
 
 fn draw(run: &Run, rows: &[Row], name: &str) -> Result<()> {
-    let line = |body: &str, what: &str, x: &str, y: &str, look: Look| {
-        let own = rows.iter().filter(|r| r.text("body") == body);
-        let points = own.map(|r| [r.number(x), r.number(y)]).collect();
-        Series::new(format!("{body}, {what}"), look, points)
+    let lines = |x: &str| {
+        let mut lines = Vec::new();
+        for (model, kinds) in MATTERS {
+            for kind in *kinds {
+                let own = rows
+                    .iter()
+                    .filter(|r| r.text("matter") == model.name() && r.text("body") == kind.name());
+                let points = own.map(|r| [r.number(x), r.number("path error")]).collect();
+                lines.push(Series::new(
+                    format!("{kind} of {model}"),
+                    Look::LineMarks,
+                    points,
+                ));
+            }
+        }
+        lines
     };
-    let both = |x: &str| {
-        vec![
-            line("lattice", "path", x, "path error", Look::LineMarks),
-            line("lattice", "end", x, "end error", Look::Dashed),
-            line("grid", "path", x, "path error", Look::LineMarks),
-            line("grid", "end", x, "end error", Look::Dashed),
-        ]
-    };
-    let own = rows.iter().find(|r| r.text("body") == "own");
-    let percent = "error of displacement, share of its size";
+    let percent = "error of displacement along the way, share of its size";
     Chart {
         title: format!("Cages around the {name}: error against nodes"),
         x: Axis::log("nodes of the cage"),
         y: Axis::log(percent),
-        series: both("nodes"),
+        series: lines("nodes"),
     }
     .save(run.dir, "cages_nodes")?;
-    let mut series = both("ms a second");
-    if let Some(own) = own {
+    let mut series = lines("ms a second");
+    let least = rows
+        .iter()
+        .map(|r| r.number("path error"))
+        .filter(|e| *e > 0.0)
+        .fold(f64::INFINITY, f64::min);
+    for own in rows.iter().filter(|r| r.text("body") == "own") {
         let cost = own.number("ms a second");
-        let least = rows
-            .iter()
-            .flat_map(|r| [r.number("path error"), r.number("end error")])
-            .filter(|e| *e > 0.0)
-            .fold(f64::INFINITY, f64::min);
         series.push(Series::new(
-            "the mesh itself",
-            Look::Line,
+            format!("the mesh itself, of {}", own.text("matter")),
+            Look::Dashed,
             vec![[cost, least], [cost, 1.0]],
         ));
     }
@@ -249,18 +271,20 @@ fn draw(run: &Run, rows: &[Row], name: &str) -> Result<()> {
 fn tell(run: &Run, rows: &[Row], mesh: &TetMesh, name: &str) -> Result<()> {
     let (low, high) = bounds(&mesh.nodes);
     let mut text = format!(
-        "The {name} of {} nodes and {} tets, {:.3} long, is moved for {SECONDS} s by implicit Euler, and by cages around it. The error is the root mean square distance of its nodes from where the mesh itself has them, over their displacement there: along the way, and at its end. A grid is stepped by Verlet, which does not damp by itself as implicit Euler does; along the way that counts as its error too.\n",
+        "The {name} of {} nodes and {} tets, {:.3} long, is moved for {SECONDS} s by implicit Euler, and by cages around it of the same matter. The error is the root mean square distance of its nodes from where the mesh itself has them, over their displacement there: along the way, and at its end. A grid is stepped by Verlet, which does not damp by itself as implicit Euler does; along the way that counts as its error too.\n",
         mesh.nodes.len(),
         mesh.tets.len(),
         (high - low).max_element()
     );
-    let own = rows.iter().find(|r| r.text("body") == "own");
     for row in rows.iter().filter(|r| r.text("body") != "own") {
+        let matter = row.text("matter");
+        let mut all = rows.iter();
+        let own = all.find(|r| r.text("body") == "own" && r.text("matter") == matter);
         let faster = own.map_or(f64::NAN, |o| {
             o.number("ms a second") / row.number("ms a second")
         });
         text += &format!(
-            "\n- {} of {} nodes: {:.1} % along the way, {:.1} % at the end, {:.0} ms for a second of motion, {faster:.1} times as fast as the mesh itself; its springs are {:.2} times as stiff as their cells.",
+            "\n- {} of {} nodes of {matter}: {:.1} % along the way, {:.1} % at the end, {:.0} ms for a second of motion, {faster:.1} times as fast as the mesh itself; it is {:.2} times as stiff as what its cells hold.",
             row.text("body"),
             row.number("nodes"),
             100.0 * row.number("path error"),

@@ -1,8 +1,9 @@
 //! The study of scaling: what a step, a refresh, a picture, a table and a cut take, against tets,
-//! pixels, layers and texels; and what a node and a tet take of memory.
+//! pixels, layers and texels; what steps of elements take; and what a node and a tet take of memory.
 
 mod cases;
 mod memory;
+mod steps;
 
 use super::{Axis, Cell, Chart, Look, Row, Run, Series};
 use crate::Result;
@@ -188,10 +189,12 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         chart(run, &rows, "layers", &["raycast"], "layers")?,
         chart(run, &rows, "table", &["table"], "texels")?,
     ];
+    let (elements, elements_charts) = steps::measure(run)?;
+    charts.extend(elements_charts);
     let (memory, memory_chart) = memory::measure(run)?;
     charts.push(memory_chart);
     let names: Vec<&str> = charts.iter().map(String::as_str).collect();
-    let text = format!("{}\n\n{memory}", finding(&rows));
+    let text = format!("{}\n\n{elements}\n{memory}", finding(&rows));
     run.tell(
         "scaling",
         "Scaling: time and memory against size",

@@ -24,19 +24,23 @@ fn finer_cages_are_truer() {
     let mut lines = text.lines().map(|l| l.split(',').collect::<Vec<_>>());
     let names = lines.next().unwrap();
     let column = |name: &str| names.iter().position(|n| *n == name).unwrap();
-    let (body, end) = (column("body"), column("end error"));
+    let [matter, body, end] = ["matter", "body", "end error"].map(column);
     let rows: Vec<Vec<&str>> = lines.collect();
-    for kind in ["lattice", "grid"] {
+    for (model, kind) in [
+        ("neo-hookean", "lattice"),
+        ("springs", "lattice"),
+        ("springs", "grid"),
+    ] {
         let errors: Vec<f64> = rows
             .iter()
-            .filter(|r| r[body] == kind)
+            .filter(|r| r[matter] == model && r[body] == kind)
             .map(|r| r[end].parse().unwrap())
             .collect();
-        assert_eq!(errors.len(), 3, "{kind}");
+        assert_eq!(errors.len(), 3, "{kind} of {model}");
         if kind == "lattice" {
-            assert!(errors[2] < errors[0], "{kind}: {errors:?}");
+            assert!(errors[2] < errors[0], "{kind} of {model}: {errors:?}");
         }
-        assert!(errors[2] < 0.4, "{kind}: {errors:?}");
+        assert!(errors[2] < 0.4, "{kind} of {model}: {errors:?}");
     }
     for file in ["cages_nodes.svg", "cages_time.png", "cages.md"] {
         assert!(folder.path().join(file).exists(), "{file}");

@@ -1,0 +1,308 @@
+//! What a step of finite elements takes: by law, integrator and engine against tets; and with a rod
+//! in the body that is stiffer and stiffer, or rigid.
+//!
+//! The engines differ in what they precondition conjugate gradients by: blocks of the diagonal on
+//! the GPU, these and the rigid motions of groups of nodes on the CPU.
+
+use super::{Axis, CPU, Cell, Chart, GPU, Look, Row, Run, Series, exponent};
+use crate::gpu::Gpu;
+use crate::mesh::{Field, Location, TetMesh, generate};
+use crate::physics::{
+    Engine, EngineChoice, Material, MaterialModel, RegionMaterial, Simulator, SolverKind,
+    VolumeModel,
+};
+use crate::scene::median_ms;
+use crate::{Error, Result};
+use glam::DVec3;
+
+const SETTINGS: [&str; 6] = ["against", "matter", "integrator", "on", "tets", "rod"];
+const RESULTS: [&str; 4] = [
+    "nodes",
+    "iterations_a_step",
+    "ms_a_step",
+    "off_rigid_percent",
+];
+
+/// The bar, m, Pa and kg/m³.
+const SIZE: DVec3 = DVec3::new(0.8, 0.2, 0.2);
+const YOUNG: f64 = 1e6;
+const DENSITY: f64 = 1000.0;
+const POISSON: f64 = 0.3;
+/// Seconds a step of implicit integrators.
+const STEP: f64 = 0.01;
+/// Steps of the bar with a rod.
+const STEPS: u32 = 20;
+
+/// What bodies are made of.
+const MATTERS: [(&str, MaterialModel, VolumeModel); 3] = [
+    (
+        "neo-hookean",
+        MaterialModel::NeoHookean,
+        VolumeModel::PerTet,
+    ),
+    ("corotated", MaterialModel::Corotated, VolumeModel::PerTet),
+    (
+        "averaged volumes",
+        MaterialModel::NeoHookean,
+        VolumeModel::Averaged,
+    ),
+];
+
+/// What is stepped by what.
+const KINDS: [(&str, SolverKind, &str); 8] = [
+    ("neo-hookean", SolverKind::Implicit, CPU),
+    ("neo-hookean", SolverKind::Implicit, GPU),
+    ("neo-hookean", SolverKind::Bdf2, CPU),
+    ("neo-hookean", SolverKind::Midpoint, CPU),
+    ("corotated", SolverKind::Implicit, CPU),
+    ("averaged volumes", SolverKind::Implicit, CPU),
+    ("neo-hookean", SolverKind::Symplectic, CPU),
+    ("neo-hookean", SolverKind::Symplectic, GPU),
+];
+
+/// A rod that does not give.
+const RIGID: &str = "rigid";
+
+/// Measures the steps, and tells of them. Returns the text and the charts' names.
+pub(super) fn measure(run: &Run) -> Result<(String, Vec<String>)> {
+    let tets: &[usize] = match run.quick {
+        true => &[300, 1_000],
+        false => &[1_000, 3_000, 10_000, 30_000, 100_000],
+    };
+    let most_on_gpu = 30_000;
+    let mut points: Vec<Vec<Cell>> = Vec::new();
+    for tets in tets {
+        for (matter, kind, on) in KINDS {
+            if on == CPU || *tets <= most_on_gpu {
+                points.push(cells("tets", (matter, kind, on), *tets, "none"));
+            }
+        }
+    }
+    let rods: &[&str] = match run.quick {
+        true => &["1", "1000", RIGID],
+        false => &["1", "10", "100", "1000", "10000", "100000", RIGID],
+    };
+    let size = if run.quick { 1_000 } else { 4_000 };
+    for rod in rods {
+        for on in [CPU, GPU] {
+            let how = ("neo-hookean", SolverKind::Implicit, on);
+            points.push(cells("rod", how, size, rod));
+        }
+    }
+    let mut rigid: Option<Vec<DVec3>> = None;
+    let rows = run.measure("scaling_steps", &SETTINGS, &RESULTS, &points, |point| {
+        step(run.gpu, point, &mut rigid)
+    })?;
+    let charts = vec![against_tets(run, &rows)?, against_rod(run, &rows)?];
+    Ok((finding(&rows), charts))
+}
+
+fn cells(
+    against: &str,
+    (matter, kind, on): (&str, SolverKind, &str),
+    tets: usize,
+    rod: &str,
+) -> Vec<Cell> {
+    let names = [against, matter, kind.name(), on].map(Cell::from);
+    let mut cells = names.to_vec();
+    cells.extend([Cell::from(tets), Cell::from(rod)]);
+    cells
+}
+
+/// The bar of about so many tets, made as the point says, held at one end.
+fn body(gpu: &Gpu, point: &[Cell], rod: &str, on: &str) -> Result<Box<dyn Simulator>> {
+    let mesh = with_rod(generate::bar_of_about(point[4].number() as usize, SIZE)?);
+    let named = MATTERS.iter().find(|m| m.0 == point[1].text());
+    let Some((_, model, volume)) = named else {
+        return Err(Error::Input(format!(
+            "scaling_steps.csv has a matter {} that this study does not know; start with an empty --out",
+            point[1].text()
+        )));
+    };
+    let mut material = Material {
+        model: *model,
+        volume: *volume,
+        poisson: POISSON,
+        density: DENSITY,
+        region_field: Some("rod".into()),
+        ..Material::young(YOUNG)
+    };
+    match rod.parse::<f64>() {
+        Ok(factor) => {
+            let stiffer = RegionMaterial {
+                stiffness: factor * YOUNG,
+                density: DENSITY,
+                poisson: POISSON,
+            };
+            material.regions.insert(1, stiffer);
+        }
+        Err(_) if rod == RIGID => drop(material.rigid.insert(1)),
+        Err(_) => material.region_field = None,
+    }
+    let kind: SolverKind = point[2].text().parse()?;
+    let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
+    let mut body = EngineChoice::This(engine).tets(gpu, mesh, &material, kind)?;
+    let nodes = (0u32..).zip(&body.mesh().nodes);
+    let held: Vec<u32> = nodes.filter(|(_, p)| p.x < 1e-9).map(|(v, _)| v).collect();
+    body.pin_nodes(&held)?;
+    body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
+    Ok(body)
+}
+
+/// Labels the middle of the bar from a tenth of its length on: of a quarter of its width and
+/// height.
+fn with_rod(mut mesh: TetMesh) -> TetMesh {
+    let inside = |t: usize| {
+        let p = mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0 / SIZE;
+        let off = (p - 0.5).abs();
+        p.x > 0.1 && off.y < 0.25 && off.z < 0.25
+    };
+    let labels = (0..mesh.tets.len()).map(|t| f64::from(u8::from(inside(t))));
+    let field = Field::scalar("rod", Location::Cell, labels.collect());
+    mesh.fields.push(field);
+    mesh
+}
+
+fn step(gpu: &Gpu, point: &[Cell], rigid: &mut Option<Vec<DVec3>>) -> Result<Vec<Cell>> {
+    let rod = point[5].text();
+    let mut simulator = body(gpu, point, rod, point[3].text())?;
+    let limit = simulator.largest_stable_step();
+    let h = limit.map_or(STEP, |limit| 0.5 * limit);
+    let with_rod = point[0].text() == "rod";
+    if !with_rod {
+        // The first steps are not like the others: the body has hardly bent.
+        simulator.run(3, h)?;
+    }
+    let repeats = if with_rod { STEPS - 1 } else { 7 };
+    let ms = median_ms(repeats, || simulator.run(1, h).map(drop))?;
+    let counts = simulator.iterations()?;
+    let last = &counts[counts.len().saturating_sub(repeats as usize)..];
+    let sum: f64 = last.iter().map(|n| f64::from(*n)).sum();
+    let mut off = f64::NAN;
+    if with_rod {
+        let there = match rigid {
+            Some(there) => there,
+            None => {
+                let mut truth = body(gpu, point, RIGID, CPU)?;
+                truth.run(STEPS, STEP)?;
+                rigid.insert(truth.positions()?)
+            }
+        };
+        off = 100.0 * apart(&simulator.positions()?, there) / apart(&simulator.mesh().nodes, there);
+    }
+    Ok(vec![
+        simulator.mesh().nodes.len().into(),
+        (sum / last.len().max(1) as f64).into(),
+        ms.into(),
+        off.into(),
+    ])
+}
+
+fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
+    sum.sqrt()
+}
+
+/// The rows of what is stepped by what, or with a rod.
+fn of<'a>(
+    rows: &'a [Row],
+    against: &'a str,
+    (matter, kind, on): (&'a str, SolverKind, &'a str),
+) -> impl Iterator<Item = &'a Row> {
+    rows.iter().filter(move |r| {
+        r.text("against") == against
+            && r.text("matter") == matter
+            && r.text("integrator") == kind.name()
+            && r.text("on") == on
+    })
+}
+
+fn curve(rows: &[Row], how: (&str, SolverKind, &str)) -> Vec<[f64; 2]> {
+    let own = of(rows, "tets", how);
+    own.map(|r| [r.number("tets"), r.number("ms_a_step")])
+        .collect()
+}
+
+fn against_tets(run: &Run, rows: &[Row]) -> Result<String> {
+    let mut series = Vec::new();
+    for how in KINDS {
+        let points = curve(rows, how);
+        if let Some(p) = exponent(&points) {
+            let name = format!("{}, {}, {}: x^{p:.2}", how.0, how.1, how.2);
+            series.push(Series::new(name, Look::LineMarks, points));
+        }
+    }
+    let file = "scaling-elements";
+    Chart {
+        title: "Time of a step of elements against tets".into(),
+        x: Axis::log("tets"),
+        y: Axis::log("time (ms)"),
+        series,
+    }
+    .save(run.dir, file)?;
+    Ok(file.into())
+}
+
+fn against_rod(run: &Run, rows: &[Row]) -> Result<String> {
+    let mut series = Vec::new();
+    for (on, name) in [
+        (GPU, "GPU: blocks of the diagonal"),
+        (CPU, "CPU: these and rigid motions of groups"),
+    ] {
+        let how = ("neo-hookean", SolverKind::Implicit, on);
+        let mut points = Vec::new();
+        let mut rigid = None;
+        for row in of(rows, "rod", how) {
+            let count = row.number("iterations_a_step");
+            match row.text("rod").parse::<f64>() {
+                Ok(factor) => points.push([factor, count]),
+                Err(_) => rigid = Some(count),
+            }
+        }
+        let ends = points.first().zip(points.last()).map(|(a, b)| [a[0], b[0]]);
+        series.push(Series::new(name, Look::LineMarks, points));
+        if let (Some(count), Some(ends)) = (rigid, ends) {
+            let line = ends.map(|x| [x, count]).to_vec();
+            series.push(Series::new(format!("{on}, rigid"), Look::Dashed, line));
+        }
+    }
+    let file = "scaling-rod";
+    Chart {
+        title: "Iterations of a step against the stiffness of a rod".into(),
+        x: Axis::log("stiffness of the rod over that around it"),
+        y: Axis::log("iterations of conjugate gradients"),
+        series,
+    }
+    .save(run.dir, file)?;
+    Ok(file.into())
+}
+
+fn finding(rows: &[Row]) -> String {
+    let mut text = "Steps of finite elements, a bar of 1 MPa and ν = 0.3 that is held at one end and bends under its weight, in steps of 0.01 s, explicit ones in half of the largest that hold:\n\n| matter | integrator | on | exponent | tets | iterations | ms a step |\n|---|---|---|---|---|---|---|\n".to_owned();
+    for how in KINDS {
+        let points = curve(rows, how);
+        if let (Some(p), Some(last)) = (exponent(&points), of(rows, "tets", how).last()) {
+            text += &format!(
+                "| {} | {} | {} | {p:.2} | {:.0} | {:.0} | {:.2} |\n",
+                how.0,
+                how.1,
+                how.2,
+                last.number("tets"),
+                last.number("iterations_a_step"),
+                last.number("ms_a_step")
+            );
+        }
+    }
+    text += "\nThe same bar with a rod in it, so many times as stiff as what is around, or rigid; \"off\" is how far the bar is from where the rigid rod has it, after 20 steps, over its way:\n\n| rod | on | iterations | ms a step | off |\n|---|---|---|---|---|\n";
+    for row in rows.iter().filter(|r| r.text("against") == "rod") {
+        text += &format!(
+            "| {} | {} | {:.0} | {:.2} | {:.2} % |\n",
+            row.text("rod"),
+            row.text("on"),
+            row.number("iterations_a_step"),
+            row.number("ms_a_step"),
+            row.number("off_rigid_percent")
+        );
+    }
+    text
+}
