@@ -31,7 +31,8 @@ struct CgParams {
     negligible: f32,
     // h α, where a force −α m v slows every node.
     drag: f32,
-    _pad1: u32,
+    // Workgroups that wrote one of r·z for rigid bodies, after those.
+    rigid_groups: u32,
 }
 
 // The 3×3 symmetric matrix with the rows (a.x a.y a.z), (a.y a.w b.x), (a.z b.x b.y), times v.

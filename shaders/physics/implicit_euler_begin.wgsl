@@ -71,6 +71,9 @@ fn main(
         var a1 = vec4(0.0);
         if mass.y != 0.0 {
             r = h * (textureLoad(forces, at(i), 0).xyz + h * kv);
+        }
+        // A node of a rigid body has no motion of its own: `physics/rigid_precondition`.
+        if mass.y > 0.0 {
             // Scaled to its largest entry, so that the determinant stays in range.
             let scale = max(max(diagonal.x, diagonal.y), diagonal.z);
             let c = diagonal / scale;
@@ -97,7 +100,7 @@ fn main(
         textureStore(preconditioned, at(i), vec4(z, 0.0));
         textureStore(preconditioner, at(2u * i), a0);
         textureStore(preconditioner, at(2u * i + 1u), a1);
-        let weight = select(0.0, (diagonal.x + diagonal.y + diagonal.z) / 3.0, mass.y != 0.0);
+        let weight = select(0.0, (diagonal.x + diagonal.y + diagonal.z) / 3.0, mass.y > 0.0);
         sum += vec4(dot(r, z), weight, 0.0, 0.0);
     }
     let total = reduce(sum, lane);

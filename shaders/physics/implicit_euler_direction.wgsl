@@ -43,7 +43,7 @@ fn main(
         return;
     }
     var share = vec4(0.0);
-    for (var k = lane; k < params.groups; k += WORKGROUP) {
+    for (var k = lane; k < params.groups + params.rigid_groups; k += WORKGROUP) {
         share += rz_partials[k];
     }
     let total = reduce(share, lane);

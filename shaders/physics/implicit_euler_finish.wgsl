@@ -10,7 +10,7 @@
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(local_invocation_index) lane: u32) {
     var share = vec4(0.0);
-    for (var k = lane; k < params.groups; k += WORKGROUP) {
+    for (var k = lane; k < params.groups + params.rigid_groups; k += WORKGROUP) {
         share += rz_partials[k];
     }
     let rz = reduce(share, lane).x;

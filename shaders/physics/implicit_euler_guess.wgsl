@@ -1,6 +1,7 @@
 // The incremental potential of each state that an implicit step of finite elements may start from.
 
 #each law #import terms/TERM
+#each rigid #import terms/TERM
 #any node #import lib/node_terms
 #each node #import terms/TERM
 #import lib/reduce
@@ -37,11 +38,16 @@ fn ways(i: u32) -> mat3x3<f32> {
     let v = textureLoad(velocities, at(i), 0).xyz;
     let before = textureLoad(velocities_before, at(i), 0).xyz;
     let free = textureLoad(masses, at(i), 0).y != 0.0;
-    return mat3x3(
+    var all = mat3x3(
         start_velocity(0u, v, before, free),
         start_velocity(1u, v, before, free),
         start_velocity(2u, v, before, free),
     );
+#each rigid     if free {
+#each rigid         all[1] = TERM_velocity(i, 1u, params.dt, all[1]);
+#each rigid         all[2] = TERM_velocity(i, 2u, params.dt, all[2]);
+#each rigid     }
+    return all;
 }
 
 fn shift_of(i: u32) -> vec3<f32> {

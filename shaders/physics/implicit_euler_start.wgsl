@@ -1,6 +1,7 @@
 // The state of least potential, from which an implicit step of finite elements starts. Every
 // workgroup adds up the potentials for itself and comes to the same choice.
 
+#each rigid #import terms/TERM
 #import lib/reduce
 #import lib/start
 #import lib/status
@@ -43,12 +44,18 @@ fn main(
             choice = c;
         }
     }
+#each rigid     if id.x == 0u {
+#each rigid         TERM_choice[0] = choice;
+#each rigid     }
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
         let x = textureLoad(positions, at(i), 0);
         let v = textureLoad(velocities, at(i), 0);
         let before = textureLoad(velocities_before, at(i), 0).xyz;
         let free = textureLoad(masses, at(i), 0).y != 0.0;
-        let w = start_velocity(choice, v.xyz, before, free);
+        var w = start_velocity(choice, v.xyz, before, free);
+#each rigid         if free {
+#each rigid             w = TERM_velocity(i, choice, params.dt, w);
+#each rigid         }
         textureStore(start_positions, at(i), vec4(x.xyz + params.dt * w, x.w));
         textureStore(start_velocities, at(i), vec4(w, v.w));
     }

@@ -1,6 +1,7 @@
 //! A deformable body: a mesh's nodes and springs on the GPU.
 
 use super::gpu_elements::GpuElements;
+use super::gpu_rigid::GpuRigid;
 use super::gpu_springs::GpuSprings;
 use super::grab::{GrabId, Grip};
 use super::grab_lists::GrabLists;
@@ -40,13 +41,16 @@ pub struct Body {
     pub(super) id: u64,
     pub(super) nodes: Nodes,
     pub(super) velocities: Array,
-    /// Mass and inverse mass; the inverse is 0 for a pinned node.
+    /// Mass and inverse mass; the inverse is 0 for a pinned node, and below zero for one of a rigid
+    /// body that moves.
     pub(super) masses: Array,
     /// Newtons.
     pub(super) external: Array,
     pub(super) springs: GpuSprings,
     /// What resists in place of the springs, if anything does.
     pub(super) elements: Option<GpuElements>,
+    /// What of it is rigid, if anything is.
+    pub(super) rigid: Option<GpuRigid>,
     pub(super) network: SpringNetwork,
     pub(super) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
@@ -96,18 +100,13 @@ impl Body {
                 network.masses.len()
             )));
         }
-        if !network.elements.rigid.is_empty() {
-            return Err(Error::Input(
-                "rigid regions are simulated on the CPU: take --engine cpu (engine = \"cpu\")"
-                    .into(),
-            ));
-        }
         let units = Units::of(&network);
         let nodes = Nodes::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
         let springs = GpuSprings::new(gpu, &network, &rest, &units)?;
         let elements = GpuElements::new(gpu, &network, &rest, (&springs, &units))?;
+        let rigid = GpuRigid::new(gpu, &network, (elements.as_ref(), &units))?;
         let mut body = Body {
             loads: Loads::new(nodes.len(), frame, network.length_unit),
             written: None,
@@ -119,6 +118,7 @@ impl Body {
             external: gpu.roomy_array("external forces", Texel::F32x4, nodes.len())?,
             springs,
             elements,
+            rigid,
             nodes,
             network,
             material: material.clone(),
@@ -303,7 +303,7 @@ impl Body {
     }
 
     /// The masses on the GPU, in the mean mass: rg32float, mass and inverse mass, the latter 0 for
-    /// nodes that stay.
+    /// nodes that stay, and below zero for those of rigid bodies that move.
     pub fn mass_array(&self) -> &Array {
         &self.masses
     }
@@ -414,9 +414,12 @@ impl Body {
     /// Writes the masses, and which nodes are held.
     pub(super) fn flush_masses(&self) -> Result<()> {
         let masses = self.network.masses.iter().zip(self.loads.held());
-        let masses: Vec<[f32; 2]> = masses
+        let mut masses: Vec<[f32; 2]> = masses
             .map(|(mass, held)| self.local_mass(*mass, held))
             .collect();
+        if let Some(rigid) = &self.rigid {
+            rigid.hold(&self.gpu, &self.loads, &mut masses)?;
+        }
         self.gpu.write_array(&self.masses, &masses)
     }
 

@@ -2,6 +2,7 @@
 
 use super::Body;
 use super::gpu_elements::GpuElements;
+use super::gpu_rigid::GpuRigid;
 use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
@@ -100,6 +101,12 @@ impl Body {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
             let made_of = (&self.springs, &self.units);
             self.elements = GpuElements::new(&self.gpu, &self.network, &rest, made_of)?;
+            let made_of = (self.elements.as_ref(), &self.units);
+            let was = self.rigid.is_some();
+            self.rigid = GpuRigid::new(&self.gpu, &self.network, made_of)?;
+            if was {
+                self.flush_masses()?;
+            }
         }
         self.generation += 1;
         self.changed();

@@ -116,9 +116,8 @@ impl EngineChoice {
     ) -> Result<Box<dyn Simulator>> {
         // What only one engine has is taken from there, unless the other was asked for.
         let elements = &network.elements;
-        let of_cpu = SolverKind::OF_ELEMENTS.contains(&kind)
-            || elements.volume == VolumeModel::Averaged
-            || !elements.rigid.is_empty();
+        let of_cpu =
+            SolverKind::OF_ELEMENTS.contains(&kind) || elements.volume == VolumeModel::Averaged;
         if of_cpu && self == EngineChoice::Auto || self.engine(gpu) == Engine::Cpu {
             let body = CpuTets::of_network(
                 gpu,

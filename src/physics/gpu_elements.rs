@@ -66,10 +66,13 @@ pub(super) struct GpuElements {
     rest: Array,
     rows: Array,
     corners: Array,
-    /// Of the springs, which are the edges of the mesh.
+    /// Of the springs, which are the edges of the mesh; those of elements where there are rigid
+    /// bodies.
     edge_rows: Array,
     edge_columns: Array,
     matrix_texels: usize,
+    /// Of bodies with rigid ones: the row of each node among these.
+    edge_row_of: Vec<u32>,
     edges: Array,
     around: Array,
     tet_forces: Array,
@@ -111,8 +114,21 @@ impl GpuElements {
                 "there are more tets than 32-bit indices allow; use a coarser mesh".into(),
             ));
         }
-        let lists = Lists::new(network, springs.kept(), units)?;
-        let rows = Rows::of_lists(&lists.corners, 4 * count as u32)?;
+        // Within rigid bodies nothing resists: their edges are left out.
+        let own = match elements.rigid.is_empty() {
+            true => None,
+            false => Some(edges_of(network)?),
+        };
+        let (edge_rows, edge_columns) = match &own {
+            None => (springs.rows.clone(), springs.columns.clone()),
+            Some(kept) => (
+                gpu.array_of("edge rows", Texel::U32x4, &kept.rows)?,
+                gpu.array_of("edges of nodes", Texel::U32x4, &kept.columns)?,
+            ),
+        };
+        let kept = own.as_ref().unwrap_or(springs.kept());
+        let lists = Lists::new(network, kept, units)?;
+        let rows = Rows::of_lists(&lists.corners, Some(4 * count as u32))?;
         let places: Vec<[f32; 4]> = rest.iter().map(|x| x.extend(0.0).to_array()).collect();
         let array = |label: &str, len| gpu.array(label, Texel::F32x4, len);
         Ok(Some(GpuElements {
@@ -123,9 +139,10 @@ impl GpuElements {
             rest: gpu.array_of("rest", Texel::F32x4, &places)?,
             rows: gpu.array_of("corner rows", Texel::U32x4, &rows.rows)?,
             corners: gpu.array_of("corners", Texel::U32x4, &rows.columns)?,
-            edge_rows: springs.rows.clone(),
-            edge_columns: springs.columns.clone(),
-            matrix_texels: BLOCK_TEXELS * springs.kept().springs.len(),
+            edge_rows,
+            edge_columns,
+            matrix_texels: BLOCK_TEXELS * kept.springs.len(),
+            edge_row_of: own.map_or(Vec::new(), |kept| kept.row_of().to_vec()),
             edges: gpu.array_of("edges", Texel::U32x4, &lists.edges)?,
             around: gpu.array_of("tets around edges", Texel::U32, &lists.around)?,
             // One more, of which nothing but zero comes.
@@ -141,6 +158,16 @@ impl GpuElements {
     /// α in local units: of a force −α m v on every node.
     pub fn drag(&self) -> f32 {
         self.params.drag
+    }
+
+    /// The rows of edges, their columns, and the row of each node; of bodies with rigid ones.
+    pub fn edges(&self) -> (&Array, &Array, &[u32]) {
+        (&self.edge_rows, &self.edge_columns, &self.edge_row_of)
+    }
+
+    /// Where the nodes rest.
+    pub fn rest(&self) -> &Array {
+        &self.rest
     }
 
     /// How many there are.
@@ -265,6 +292,22 @@ impl GpuTerm for GpuElements {
     fn texels(&self) -> u32 {
         WEIGHT * self.edge_columns.len()
     }
+}
+
+/// The edges of the elements of `network`, both ways.
+fn edges_of(network: &SpringNetwork) -> Result<Rows> {
+    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); network.rest.len()];
+    for element in &network.elements.tets {
+        for i in element.nodes {
+            let others = element.nodes.iter().filter(|j| **j != i);
+            neighbours[i as usize].extend(others);
+        }
+    }
+    for row in &mut neighbours {
+        row.sort_unstable();
+        row.dedup();
+    }
+    Rows::of_lists(&neighbours, None)
 }
 
 impl Lists {

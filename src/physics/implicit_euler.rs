@@ -8,7 +8,8 @@
 //! with it.
 
 use super::gpu_terms::Part;
-use super::implicit_start::Start;
+use super::implicit_rigid::{self, Parts, RigidSteps};
+use super::implicit_start::{Start, Tied};
 use super::integrator::{Core, Integrator, Stage, Step, Timing};
 use super::stepper::Stepper;
 use super::{Body, SolverKind};
@@ -35,7 +36,7 @@ mod gpu_data {
             pub acceptable: f32,
             pub negligible: f32,
             pub drag: f32,
-            pub _pad1: u32,
+            pub rigid_groups: u32,
         }
     }
     crate::gpu_struct! {
@@ -56,6 +57,8 @@ mod gpu_data {
         pub struct GateParams {
             pub groups: u32,
             pub max_iterations: u32,
+            pub rigid_groups: u32,
+            pub _pad0: u32,
         }
     }
     crate::gpu_struct! {
@@ -104,6 +107,8 @@ pub struct Scheme {
     matrix: Array,
     /// Where the steps of finite elements start from.
     start: Option<Start>,
+    /// What is kept of rigid bodies, if there are any.
+    rigid: Option<RigidSteps>,
     /// Two texels a node; two more where the body has terms beside the springs.
     preconditioner: Array,
     pub(super) product: Array,
@@ -141,6 +146,7 @@ impl Stepper<Scheme> {
 
 impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::Implicit;
+    const RIGID: bool = true;
 
     fn new(core: &Core, body: &Body) -> Result<Scheme> {
         let gpu = &core.gpu;
@@ -148,7 +154,7 @@ impl Integrator for Scheme {
         let vector = |label| gpu.roomy_array(label, Texel::F32x4, nodes);
         let pair = |label| -> Result<[Array; 2]> { Ok([vector(label)?, vector(label)?]) };
         let scalars = || gpu.buffer("cg scalars", size_of::<CgScalars>() as u64);
-        let partials = |label| gpu.buffer(label, u64::from(core.groups) * 16);
+        let partials = |label| gpu.buffer(label, partials(core, body));
         Ok(Scheme {
             settings: ConjugateGradients::default(),
             matrix: gpu.roomy_array("matrix", Texel::F32x4, body.matter().matrix_texels())?,
@@ -156,6 +162,7 @@ impl Integrator for Scheme {
                 Some(elements) => Some(Start::new(core, elements)?),
                 None => None,
             },
+            rigid: rigid_steps(core, body)?,
             preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, blocks(body))?,
             product: vector("product")?,
             solution: pair("solution")?,
@@ -163,7 +170,7 @@ impl Integrator for Scheme {
             preconditioned: pair("preconditioned residual")?,
             direction: pair("direction")?,
             scalars: [scalars()?, scalars()?],
-            arguments: gpu.buffer("cg workgroups", 12)?,
+            arguments: gpu.buffer("cg workgroups", 24)?,
             rz_partials: partials("partial r·z")?,
             pq_partials: partials("partial p·q")?,
         })
@@ -187,7 +194,8 @@ impl Integrator for Scheme {
                 gpu.resize(vector, "conjugate gradients", nodes)?;
             }
         }
-        let partials = u64::from(core.groups) * 16;
+        self.rigid = rigid_steps(core, body)?;
+        let partials = partials(core, body);
         if partials > self.rz_partials.size() {
             self.rz_partials = gpu.buffer("partial r·z", partials)?;
             self.pq_partials = gpu.buffer("partial p·q", partials)?;
@@ -198,11 +206,17 @@ impl Integrator for Scheme {
     fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
         let params = self.params(core, body, timing);
         let (mut before, mut after_restart, mut keep) = (Vec::new(), None, None);
+        let tied = self.tied(core, body, timing);
         if let (Some(start), Some(elements)) = (&self.start, &body.elements) {
-            before = start.passes(core, body, elements, (&self.matrix, timing.dt))?;
+            before = start.passes(core, body, elements, (&self.matrix, timing.dt, tied))?;
             keep = Some(start.keep(core, body)?);
         }
         before.push(self.begin(core, body, timing)?);
+        if let Some(tied) = &tied {
+            let (steps, parts) = tied;
+            before.push(steps.system(parts, &self.matrix, &self.preconditioner)?);
+            before.push(self.precondition(tied, 0, None)?);
+        }
         if let Some(keep) = &keep {
             let first = [keep.clone()].into_iter();
             after_restart = Some(Stage::Passes(first.chain(before.iter().cloned()).collect()));
@@ -217,14 +231,18 @@ impl Integrator for Scheme {
             .params(&GateParams {
                 groups: core.groups,
                 max_iterations: self.settings.max_iterations,
+                rigid_groups: params.rigid_groups,
+                _pad0: 0,
             })
             .over(1)?;
-        let rounds = vec![
-            self.find_direction(core, body, 0, &params)?,
-            self.update(core, 0, &params)?,
-            self.find_direction(core, body, 1, &params)?,
-            self.update(core, 1, &params)?,
-        ];
+        let mut rounds = Vec::new();
+        for from in [0, 1] {
+            rounds.push(self.find_direction(core, body, from, &params)?);
+            rounds.push(self.update(core, from, &params)?);
+            if let Some(tied) = &tied {
+                rounds.push(self.precondition(tied, 1 - from, Some(&self.arguments))?);
+            }
+        }
         let finish = core
             .gpu
             .pass("physics/implicit_euler_finish")
@@ -250,8 +268,14 @@ impl Integrator for Scheme {
                 dt: timing.dt,
             })
             .over(core.nodes)?;
-        let settle = [finish, moved].into_iter().chain(keep).collect();
+        let (mut take_over, mut settle) = (Vec::new(), vec![finish, moved]);
+        if let Some((steps, parts)) = &tied {
+            take_over = steps.take_over(parts)?;
+            settle.push(steps.moved(parts, &self.solution)?);
+        }
+        settle.extend(keep);
         Ok(Step {
+            take_over,
             stages: vec![
                 Stage::Passes(before),
                 Stage::Loop { gate, rounds },
@@ -276,6 +300,18 @@ impl Integrator for Scheme {
 fn blocks(body: &Body) -> usize {
     let of_terms = usize::from(!body.terms().is_empty());
     2 * body.node_count() * (1 + of_terms)
+}
+
+/// What steps keep of the rigid bodies of `body`, if it has any.
+fn rigid_steps(core: &Core, body: &Body) -> Result<Option<RigidSteps>> {
+    let rigid = body.rigid.as_ref();
+    rigid.map(|rigid| RigidSteps::new(core, rigid)).transpose()
+}
+
+/// Bytes of a partial sum from each workgroup: of the passes over nodes, then of those over rigid
+/// bodies.
+fn partials(core: &Core, body: &Body) -> u64 {
+    16 * u64::from(core.groups + implicit_rigid::groups(body))
 }
 
 /// h α, where a force −α m v slows every node.
@@ -303,8 +339,34 @@ impl Scheme {
             acceptable: square(self.settings.acceptable),
             negligible: (NEGLIGIBLE / timing.dt).powi(2),
             drag: drag(body, timing),
-            _pad1: 0,
+            rigid_groups: implicit_rigid::groups(body),
         }
+    }
+
+    /// The rigid bodies in a step, if there are any.
+    fn tied<'a>(&'a self, core: &'a Core, body: &'a Body, timing: Timing) -> Option<Tied<'a>> {
+        let steps = self.rigid.as_ref()?;
+        let parts = Parts {
+            core,
+            body,
+            elements: body.elements.as_ref()?,
+            rigid: body.rigid.as_ref()?,
+            dt: timing.dt,
+            drag: drag(body, timing),
+        };
+        Some((steps, parts))
+    }
+
+    /// What rigid bodies make of the residual in a slot, after an iteration or before the first.
+    fn precondition(
+        &self,
+        (steps, parts): &Tied<'_>,
+        slot: usize,
+        arguments: Option<&wgpu::Buffer>,
+    ) -> Result<Pass> {
+        let vectors = [&self.residual[slot], &self.preconditioned[slot]];
+        let scalars = [&self.scalars[1 - slot], &self.scalars[slot]];
+        steps.precondition(parts, vectors, scalars, (&self.rz_partials, arguments))
     }
 
     /// Sets up the system of a step.

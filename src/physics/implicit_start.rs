@@ -7,6 +7,7 @@
 
 use super::Body;
 use super::gpu_elements::GpuElements;
+use super::implicit_rigid::{Parts, RigidSteps};
 use super::step::Core;
 use crate::Result;
 use crate::gpu::{Array, Pass, Texel};
@@ -45,6 +46,9 @@ mod gpu_data {
 }
 use gpu_data::{GuessParams, Scale, StartParams};
 
+/// Rigid bodies in a step.
+pub(super) type Tied<'a> = (&'a RigidSteps, Parts<'a>);
+
 /// The state that a step starts from, and the curvatures of the tets there.
 #[derive(Debug)]
 pub(super) struct Start {
@@ -78,20 +82,30 @@ impl Start {
         core: &Core,
         body: &Body,
         elements: &GpuElements,
-        (matrix, dt): (&Array, f32),
+        (matrix, dt, rigid): (&Array, f32, Option<Tied<'_>>),
     ) -> Result<Vec<Pass>> {
         let (gpu, status) = (&core.gpu, &core.status);
-        let mut passes = vec![
-            self.guess(core, body, elements, dt)?,
-            self.pick(core, body, dt)?,
+        let mut passes = Vec::new();
+        if let Some((steps, parts)) = rigid {
+            passes.push(steps.start(&parts, &self.before)?);
+        }
+        passes.extend([
+            self.guess(core, body, elements, (dt, rigid))?,
+            self.pick(core, body, dt, rigid)?,
             elements.curvature_pass(gpu, &self.positions, status, &self.curvatures)?,
             elements.block_pass(gpu, &self.curvatures, status, (matrix, dt))?,
-        ];
+        ]);
         passes.extend(core.force_passes(body, &self.positions, &self.velocities)?);
         Ok(passes)
     }
 
-    fn guess(&self, core: &Core, body: &Body, elements: &GpuElements, dt: f32) -> Result<Pass> {
+    fn guess(
+        &self,
+        core: &Core,
+        body: &Body,
+        elements: &GpuElements,
+        (dt, rigid): (f32, Option<Tied<'_>>),
+    ) -> Result<Pass> {
         let units = &body.units;
         let gravity = (body.gravity() / units.acceleration()).as_vec3();
         let params = GuessParams {
@@ -105,7 +119,12 @@ impl Start {
             _pad1: 0,
             _pad2: 0,
         };
-        let name = body.named("physics/implicit_euler_guess", elements.law());
+        let law = elements.law();
+        let first = match rigid {
+            Some(_) => format!("{law} rigid"),
+            None => law.to_owned(),
+        };
+        let name = body.named("physics/implicit_euler_guess", &first);
         let pass = core
             .gpu
             .pass(&name)
@@ -119,6 +138,10 @@ impl Start {
             .write(&self.partials)
             .params(&params);
         let pass = elements.bind_law(pass);
+        let pass = match &rigid {
+            Some((steps, parts)) => steps.bind_starts(parts.rigid, pass),
+            None => pass,
+        };
         match &body.node_terms {
             Some(numbers) => pass.read(numbers),
             None => pass,
@@ -126,15 +149,20 @@ impl Start {
         .over(core.groups * core.workgroup)
     }
 
-    fn pick(&self, core: &Core, body: &Body, dt: f32) -> Result<Pass> {
+    fn pick(&self, core: &Core, body: &Body, dt: f32, rigid: Option<Tied<'_>>) -> Result<Pass> {
         let params = StartParams {
             nodes: core.nodes,
             groups: core.groups,
             dt,
             _pad0: 0,
         };
-        core.gpu
-            .pass("physics/implicit_euler_start")
+        let name = match rigid {
+            Some(_) => "physics/implicit_euler_start rigid",
+            None => "physics/implicit_euler_start",
+        };
+        let pass = core
+            .gpu
+            .pass(name)
             .constant("WORKGROUP", f64::from(core.workgroup))
             .read(body.nodes().array())
             .read(&body.velocities)
@@ -144,8 +172,12 @@ impl Start {
             .read(&core.status)
             .write(&self.positions)
             .write(&self.velocities)
-            .params(&params)
-            .over(core.groups * core.workgroup)
+            .params(&params);
+        match &rigid {
+            Some((steps, parts)) => steps.bind_starts(parts.rigid, pass).write(steps.choice()),
+            None => pass,
+        }
+        .over(core.groups * core.workgroup)
     }
 
     /// Keeps the velocities for the next step, before they change.

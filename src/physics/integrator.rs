@@ -19,6 +19,9 @@ pub trait Integrator: Sized + Send {
     /// What tells its states from those of others.
     const NAME: &'static str = Self::KIND.name();
 
+    /// Whether it moves rigid regions as one body; others are given no body that has any.
+    const RIGID: bool = false;
+
     /// What it keeps on the GPU.
     ///
     /// # Errors
@@ -64,6 +67,9 @@ pub struct Timing {
 /// A step from one state to the next.
 #[derive(Clone, Debug, Default)]
 pub struct Step {
+    /// Before anything else after a change of positions or velocities from outside: makes what was
+    /// set a state that the scheme can step from.
+    pub take_over: Vec<Pass>,
     /// In their order. One of them is [`Stage::Forces`], at the candidate state.
     pub stages: Vec<Stage>,
     /// In place of the first stage in a first step, and in one after a change from outside.

@@ -113,7 +113,7 @@ pub struct Material {
     pub region_field: Option<String>,
     /// What the tets of some labels are made of instead.
     pub regions: BTreeMap<i64, RegionMaterial>,
-    /// Labels of the regions that move as rigid bodies: of elements, on the CPU.
+    /// Labels of the regions that move as rigid bodies: of elements, by implicit schemes.
     pub rigid: BTreeSet<i64>,
     /// A node field of factors on the stiffness; a spring takes the mean of its two ends.
     pub node_field: Option<String>,

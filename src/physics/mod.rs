@@ -20,6 +20,7 @@ mod fields;
 #[cfg(test)]
 mod fields_tests;
 mod gpu_elements;
+mod gpu_rigid;
 mod gpu_springs;
 mod gpu_terms;
 mod gpu_tets;
@@ -29,6 +30,7 @@ pub mod grid;
 mod guard;
 mod hold;
 mod implicit_euler;
+mod implicit_rigid;
 mod implicit_start;
 pub mod integrator;
 mod kind;

@@ -1,6 +1,10 @@
-//! Regions that move as one body: which nodes of a mesh they are.
+//! Regions that move as one body: which nodes of a mesh they are, and what engines ask of them.
 
+use super::elements::eigen;
+use super::{SpringNetwork, Units};
 use crate::mesh::{FACES, TetMesh};
+use crate::{Error, Result};
+use glam::{DMat3, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A rigid body of a mesh: rigid tets that hang together by their nodes.
@@ -13,6 +17,120 @@ pub struct RigidBody {
     pub surface: Vec<u32>,
     /// The labels of the regions it is made of.
     pub labels: BTreeSet<i64>,
+}
+
+/// The number of the body that each of `count` nodes belongs to; `None` where it is soft.
+///
+/// # Errors
+/// [`Error::Input`] for nodes that are not there, or that belong to two.
+pub(super) fn owners(bodies: &[RigidBody], count: usize) -> Result<Vec<Option<u32>>> {
+    let strange = |b: &RigidBody| {
+        let mut nodes = b.nodes.iter().chain(&b.surface);
+        nodes.any(|v| *v as usize >= count)
+    };
+    if bodies.iter().any(strange) {
+        return Err(Error::Input(
+            "a rigid body has nodes that the network has not".into(),
+        ));
+    }
+    let mut owner = vec![None; count];
+    for (b, body) in bodies.iter().enumerate() {
+        for v in &body.nodes {
+            if owner[*v as usize].replace(b as u32).is_some() {
+                return Err(Error::Input(format!(
+                    "node {v} belongs to two rigid bodies; bodies that share nodes are one"
+                )));
+            }
+        }
+    }
+    Ok(owner)
+}
+
+/// What of a body there is to its inertia, local units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moments {
+    /// Its centre of mass at rest.
+    pub centre: DVec3,
+    pub mass: f64,
+    /// Σ m r rᵀ, r from the centre.
+    pub second: DMat3,
+    /// Its eigenvalues and eigenvectors.
+    pub principal: ([f64; 3], [DVec3; 3]),
+}
+
+impl Moments {
+    /// Of a body of `network`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for one without mass, or a flat one.
+    pub fn of(network: &SpringNetwork, body: &RigidBody, units: &Units) -> Result<Moments> {
+        let nodes = || {
+            body.nodes.iter().map(|v| {
+                let v = *v as usize;
+                (
+                    network.masses[v] / units.mass,
+                    network.rest[v] / units.length,
+                )
+            })
+        };
+        let mass: f64 = nodes().map(|(m, _)| m).sum();
+        let centre = nodes().map(|(m, x)| m * x).sum::<DVec3>() / mass;
+        let mut second = DMat3::ZERO;
+        for (m, x) in nodes() {
+            let r = x - centre;
+            second += DMat3::from_cols(r * r.x, r * r.y, r * r.z) * m;
+        }
+        let column = |j: usize| second.col(j);
+        let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| column(j)[i]));
+        let (values, vectors) = eigen(rows);
+        let largest = values.iter().fold(0.0f64, |a, b| a.max(*b));
+        let sound = mass > 0.0 && mass.is_finite() && largest > 0.0 && largest.is_finite();
+        if !sound || values.iter().any(|v| *v < 1e-10 * largest) {
+            let from = body.nodes.first().copied().unwrap_or(0);
+            return Err(Error::Input(format!(
+                "the rigid body of {} nodes at node {from} is flat or has no mass; rigid regions need tets with volume and a density",
+                body.nodes.len()
+            )));
+        }
+        Ok(Moments {
+            centre,
+            mass,
+            second,
+            principal: (values, vectors.map(DVec3::from)),
+        })
+    }
+}
+
+/// Points nearer to each other than this part of a body are one, and hold it so.
+const NEAR: f64 = 1e-6;
+
+/// How a body can move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Freedom {
+    /// As it likes.
+    Free,
+    /// About a point that stays, given from the centre at rest; if about an axis only, that.
+    Turns(DVec3, Option<DVec3>),
+    /// Not at all: three nodes that are not in a line are pinned or held.
+    Fixed,
+}
+
+impl Freedom {
+    /// Of a body whose radius of gyration is `radius` and which is held at these points, from its
+    /// centre at rest.
+    pub fn of(held: impl Iterator<Item = DVec3>, radius: f64) -> Freedom {
+        let near = NEAR * radius;
+        held.fold(Freedom::Free, |freedom, r| match freedom {
+            Freedom::Free => Freedom::Turns(r, None),
+            Freedom::Turns(at, None) if r.distance(at) > near => {
+                Freedom::Turns(at, Some((r - at).normalize()))
+            }
+            Freedom::Turns(at, Some(axis)) if (r - at).cross(axis).length() > near => {
+                Freedom::Fixed
+            }
+            same => same,
+        })
+    }
 }
 
 /// The rigid bodies of `mesh`, `label` being the region of a tet if that is rigid. Rigid tets that

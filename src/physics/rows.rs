@@ -61,11 +61,11 @@ impl Rows {
         Rows::laid_out(&neighbours, None)
     }
 
-    /// The rows of nodes with these numbers each, filled up with `filler`.
-    pub fn of_lists(lists: &[Vec<u32>], filler: u32) -> Result<Rows> {
+    /// The rows of nodes with these numbers each, filled up with `filler` or the node itself.
+    pub fn of_lists(lists: &[Vec<u32>], filler: Option<u32>) -> Result<Rows> {
         let entries = |list: &Vec<u32>| list.iter().map(|n| (*n, 0.0, 0.0)).collect();
         let lists: Vec<Vec<Directed>> = lists.iter().map(entries).collect();
-        Rows::laid_out(&lists, Some(filler))
+        Rows::laid_out(&lists, filler)
     }
 
     /// The rows of nodes with these lists, filled up with `filler` or the node itself.
@@ -121,6 +121,11 @@ impl Rows {
             self.columns[column][e % 4] = other;
             self.springs[spring] = [stiffness, length];
         }
+    }
+
+    /// The row of each node.
+    pub fn row_of(&self) -> &[u32] {
+        &self.row_of
     }
 
     /// The springs of `node`.

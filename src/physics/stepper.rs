@@ -98,8 +98,15 @@ impl<S: Integrator> Stepper<S> {
     /// A solver for `body`.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when its arrays do not fit the device.
+    /// [`Error::Gpu`] when its arrays do not fit the device; [`Error::Input`] for a body with rigid
+    /// regions where the integrator moves none.
     pub fn new(gpu: &Gpu, body: &Body) -> Result<Stepper<S>> {
+        if body.rigid.is_some() && !S::RIGID {
+            return Err(Error::Input(format!(
+                "{} steps no rigid regions: take --solver implicit, or bdf2 or midpoint on the processor (--engine cpu)",
+                S::NAME
+            )));
+        }
         let core = Core::new(gpu, body)?;
         let scheme = S::new(&core, body)?;
         Ok(Stepper {
@@ -172,6 +179,11 @@ impl<S: Integrator> Stepper<S> {
         let state = body.nodes().array();
         if let Some(hold) = body.grabs.hold_pass(&body.gpu, state)? {
             hold.record(work);
+        }
+        if start == Start::Restart {
+            for pass in &prepared.step.take_over {
+                pass.record(work);
+            }
         }
         if let Some(draw) = body.grabs.draw_pass(&body.gpu, state, &body.external)? {
             draw.record(work);

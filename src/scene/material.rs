@@ -90,8 +90,8 @@ pub struct TissueTable {
     pub poisson: Option<f64>,
     /// Density in kg/m³.
     pub density: Option<f64>,
-    /// Whether its regions move as rigid bodies: of elements, on the CPU. Such a tissue needs no
-    /// `young`.
+    /// Whether its regions move as rigid bodies: of elements, by implicit schemes. Such a tissue
+    /// needs no `young`.
     #[serde(default)]
     pub rigid: bool,
 }

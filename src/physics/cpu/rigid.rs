@@ -18,9 +18,6 @@ use super::rigid_pose::{
 use super::vectors::V4;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Points nearer to each other than this part of a body are one, and hold it so.
-const NEAR: f64 = 1e-6;
-
 /// The rigid bodies of a body, whose nodes are the last of its plan and what lies beyond it.
 #[derive(Clone, Debug)]
 pub(super) struct RigidBodies {
@@ -289,22 +286,8 @@ impl RigidBodies {
 
     /// Says which nodes of a body stay: how it can move follows. Slots.
     pub fn hold(&mut self, b: usize, held: impl Iterator<Item = usize>) {
-        let near = NEAR * self.bodies[b].radius();
-        let mut freedom = Freedom::Free;
-        for i in held {
-            let r = self.arms[i - self.first];
-            freedom = match freedom {
-                Freedom::Free => Freedom::Turns(r, None),
-                Freedom::Turns(at, None) if r.distance(at) > near => {
-                    Freedom::Turns(at, Some((r - at).normalize()))
-                }
-                Freedom::Turns(at, Some(axis)) if (r - at).cross(axis).length() > near => {
-                    Freedom::Fixed
-                }
-                same => same,
-            };
-        }
-        self.bodies[b].freedom = freedom;
+        let arms = held.map(|i| self.arms[i - self.first]);
+        self.bodies[b].freedom = Freedom::of(arms, self.bodies[b].radius());
     }
 
     /// Moves a body so that nodes of it come as near to places as they can: pairs of slots and

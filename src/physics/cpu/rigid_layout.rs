@@ -3,10 +3,11 @@
 
 use super::order::Lumps;
 use super::rigid::RigidBodies;
-use super::rigid_pose::{CARRIERS, Freedom, Rigid, carriers, outer};
-use crate::physics::{RigidBody, SolverKind, SpringNetwork, Units};
+use super::rigid_pose::{CARRIERS, Freedom, Rigid, carriers};
+use crate::physics::rigid::{Moments, owners};
+use crate::physics::{SolverKind, SpringNetwork, Units};
 use crate::{Error, Result};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use std::borrow::Cow;
 
 /// Refuses schemes that step no rigid bodies.
@@ -67,28 +68,7 @@ impl Layout {
     ) -> Result<Layout> {
         let count = network.rest.len();
         let bodies = &network.elements.rigid;
-        let strange = |b: &RigidBody| {
-            b.nodes
-                .iter()
-                .chain(&b.surface)
-                .any(|v| *v as usize >= count)
-        };
-        let mut owner = vec![u32::MAX; count];
-        if bodies.iter().any(strange) {
-            return Err(Error::Input(
-                "a rigid body has nodes that the network has not".into(),
-            ));
-        }
-        for (b, body) in bodies.iter().enumerate() {
-            for v in &body.nodes {
-                if owner[*v as usize] != u32::MAX {
-                    return Err(Error::Input(format!(
-                        "node {v} belongs to two rigid bodies; bodies that share nodes are one"
-                    )));
-                }
-                owner[*v as usize] = b as u32;
-            }
-        }
+        let owner = owners(bodies, count)?;
         // What soft tets pull at takes part, wherever it is.
         let mut outside = vec![false; count];
         let surface = bodies.iter().flat_map(|b| &b.surface);
@@ -98,7 +78,7 @@ impl Layout {
             .for_each(|v| outside[*v as usize] = true);
 
         let free: Vec<u32> = (0..count as u32)
-            .filter(|v| owner[*v as usize] == u32::MAX)
+            .filter(|v| owner[*v as usize].is_none())
             .collect();
         let points = |nodes: &[u32]| -> Vec<DVec3> {
             nodes.iter().map(|v| network.rest[*v as usize]).collect()
@@ -129,8 +109,10 @@ impl Layout {
             let own = (count + CARRIERS * b) as u32;
             lumps.order.extend(own..own + CARRIERS as u32);
             lumps.starts.push(lumps.order.len());
-            let (one, places) = Moments::of(network, body, units)?;
-            extended.rest.extend(places.map(|x| x * units.length));
+            let one = Moments::of(network, body, units)?;
+            let (arms, spread) = carriers(&one);
+            let places = arms.map(|r| (one.centre + r) * units.length);
+            extended.rest.extend(places);
             for v in &body.nodes {
                 extended.masses[*v as usize] = 0.0;
             }
@@ -141,8 +123,8 @@ impl Layout {
                 inner: 0..0,
                 centre: one.centre,
                 mass: one.mass,
-                spread: one.spread,
-                gather: one.spread.inverse(),
+                spread,
+                gather: spread.inverse(),
                 freedom: Freedom::Free,
             });
         }
@@ -174,49 +156,5 @@ impl Layout {
             rigid: RigidBodies::new(first, rigid, arms, weights),
             lumps,
         })
-    }
-}
-
-/// What of a body there is to its inertia, local units.
-struct Moments {
-    centre: DVec3,
-    mass: f64,
-    spread: DMat3,
-}
-
-impl Moments {
-    fn of(
-        network: &SpringNetwork,
-        body: &RigidBody,
-        units: &Units,
-    ) -> Result<(Moments, [DVec3; CARRIERS])> {
-        let nodes = || {
-            body.nodes.iter().map(|v| {
-                let v = *v as usize;
-                (
-                    network.masses[v] / units.mass,
-                    network.rest[v] / units.length,
-                )
-            })
-        };
-        let mass: f64 = nodes().map(|(m, _)| m).sum();
-        let centre = nodes().map(|(m, x)| m * x).sum::<DVec3>() / mass;
-        let mut second = DMat3::ZERO;
-        for (m, x) in nodes() {
-            second += outer(x - centre, x - centre) * m;
-        }
-        let Some((arms, spread)) = carriers(mass, &second) else {
-            let from = body.nodes.first().copied().unwrap_or(0);
-            return Err(Error::Input(format!(
-                "the rigid body of {} nodes at node {from} is flat or has no mass; rigid regions need tets with volume and a density",
-                body.nodes.len()
-            )));
-        };
-        let one = Moments {
-            centre,
-            mass,
-            spread,
-        };
-        Ok((one, arms.map(|r| centre + r)))
     }
 }

@@ -3,6 +3,8 @@
 use super::closest_rotation::closest_rotation;
 use super::real::Real;
 use super::vectors::V4;
+pub(super) use crate::physics::rigid::Freedom;
+use crate::physics::rigid::Moments;
 use glam::{DMat3, DQuat, DVec3};
 use std::ops::Range;
 
@@ -16,17 +18,6 @@ pub(super) const CORNERS: [DVec3; CARRIERS] = [
     DVec3::new(-1.0, 1.0, -1.0),
     DVec3::new(-1.0, -1.0, 1.0),
 ];
-
-/// How a body can move.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Freedom {
-    /// As it likes.
-    Free,
-    /// About a point that stays, given from the centre at rest; if about an axis only, that.
-    Turns(DVec3, Option<DVec3>),
-    /// Not at all: three nodes that are not in a line are pinned or held.
-    Fixed,
-}
 
 /// Where a body is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -130,20 +121,12 @@ impl Rigid {
     }
 }
 
-/// The carriers of a body of `mass` whose sum of m r rᵀ is `second`: where they are from its
-/// centre, and A. `None` where it is flat.
-pub(super) fn carriers(mass: f64, second: &DMat3) -> Option<([DVec3; CARRIERS], DMat3)> {
-    let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| second.col(j)[i]));
-    let (values, vectors) = crate::physics::elements::eigen(rows);
-    let largest = values.iter().fold(0.0f64, |a, b| a.max(*b));
-    let sound = mass > 0.0 && mass.is_finite() && largest > 0.0 && largest.is_finite();
-    if !sound || values.iter().any(|v| *v < 1e-10 * largest) {
-        return None;
-    }
-    let columns: [DVec3; 3] =
-        std::array::from_fn(|k| DVec3::from(vectors[k]) * (values[k] / mass).sqrt());
-    let spread = DMat3::from_cols(columns[0], columns[1], columns[2]);
-    Some((CORNERS.map(|t| spread * t), spread))
+/// The carriers of a body: where they are from its centre, and A.
+pub(super) fn carriers(moments: &Moments) -> ([DVec3; CARRIERS], DMat3) {
+    let (values, vectors) = moments.principal;
+    let column = |k: usize| vectors[k] * (values[k] / moments.mass).sqrt();
+    let spread = DMat3::from_cols(column(0), column(1), column(2));
+    (CORNERS.map(|t| spread * t), spread)
 }
 
 /// a bᵀ.

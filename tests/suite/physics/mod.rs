@@ -17,6 +17,7 @@ mod grids;
 mod integrators;
 mod invariance;
 mod rigid;
+mod rigid_gpu;
 mod simulators;
 mod statics;
 mod steps;

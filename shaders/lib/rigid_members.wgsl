@@ -1,0 +1,61 @@
+// The nodes of each rigid body, for passes with a workgroup a body.
+
+#import lib/rigid
+
+// Of each member: its node, its row among the edges, whether it is pinned or held.
+@group(0) @binding(next) var members: texture_2d<u32>;
+// Two texels a body: its first member, how many there are, the node that is its anchor (or none),
+// whether nodes of it follow a target; three of its nodes that are far apart.
+@group(0) @binding(next) var rigid_ranges: texture_2d<u32>;
+
+const NO_NODE: u32 = 0xffffffffu;
+
+struct RigidParams {
+    bodies: u32,
+    members: u32,
+    nodes: u32,
+    // Workgroups of the passes over all nodes, whose partial sums come first.
+    groups: u32,
+    dt: f32,
+    // h α, where a force −α m v slows every node.
+    drag: f32,
+    // Whether terms add blocks to nodes.
+    terms: u32,
+    // Whether it comes before the first iteration.
+    first: u32,
+}
+
+// The frame of two edges of a body: orthonormal.
+fn frame_along(a: vec3<f32>, b: vec3<f32>) -> mat3x3<f32> {
+    let x = normalize(a);
+    let z = normalize(cross(x, b));
+    return mat3x3(x, cross(z, x), z);
+}
+
+// The quaternion of a rotation matrix.
+fn turn_of(m: mat3x3<f32>) -> vec4<f32> {
+    let t = m[0].x + m[1].y + m[2].z;
+    // Four times the square of each part; the largest is safe to divide by.
+    let parts = vec4(
+        1.0 + 2.0 * m[0].x - t,
+        1.0 + 2.0 * m[1].y - t,
+        1.0 + 2.0 * m[2].z - t,
+        1.0 + t,
+    );
+    let skew = vec3(m[1].z - m[2].y, m[2].x - m[0].z, m[0].y - m[1].x);
+    let even = vec3(m[0].y + m[1].x, m[2].x + m[0].z, m[1].z + m[2].y);
+    var q = vec4(skew, parts.w);
+    if parts.x > parts.w && parts.x >= parts.y && parts.x >= parts.z {
+        q = vec4(parts.x, even.x, even.y, skew.x);
+    } else if parts.y > parts.w && parts.y >= parts.z {
+        q = vec4(even.x, parts.y, even.z, skew.y);
+    } else if parts.z > parts.w {
+        q = vec4(even.y, even.z, parts.z, skew.z);
+    }
+    let length = dot(q, q);
+    // Nodes in a line, or none that are numbers.
+    if !(length > 1e-12 && length < 1e12) {
+        return NO_TURN;
+    }
+    return unit_turn(q);
+}

@@ -1,0 +1,202 @@
+// The part of the system that is a rigid body's own: Pᵀ A P, where row i of P is [I, −[a]×] of node
+// i's arm a, in the body's radii, and its inverse B among the motions that the body has.
+//
+// Thirteen texels a body: its turn where the step starts; B, two texels a column, and in w of the
+// first of these the mean of the block's diagonal.
+
+#import lib/rigid_members
+#import lib/cg
+#import lib/rows
+
+@group(0) @binding(0) var masses: texture_2d<f32>;
+@group(0) @binding(1) var motions: texture_2d<f32>;
+@group(0) @binding(2) var rows: texture_2d<u32>;
+@group(0) @binding(3) var columns: texture_2d<u32>;
+@group(0) @binding(4) var matrix: texture_2d<f32>;
+// In its second half, two texels a node: what terms add to its block.
+@group(0) @binding(5) var preconditioner: texture_2d<f32>;
+@group(0) @binding(6) var<storage, read> choice: array<u32>;
+@group(0) @binding(7) var<storage, read> status: Status;
+@group(0) @binding(8) var blocks: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(9) var<uniform> params: RigidParams;
+
+alias Block = array<array<f32, 6>, 6>;
+
+// [v]×.
+fn cross_matrix(v: vec3<f32>) -> mat3x3<f32> {
+    return mat3x3(0.0, v.z, -v.y, -v.z, 0.0, v.x, v.y, -v.x, 0.0);
+}
+
+// The inverse of a block, by Cholesky's factors; where it is not positive, that of its diagonal.
+fn inverse_of(block: Block) -> Block {
+    var lower = Block();
+    var sound = true;
+    for (var c = 0u; c < 6u; c++) {
+        for (var r = c; r < 6u; r++) {
+            var sum = block[c][r];
+            for (var k = 0u; k < c; k++) {
+                sum -= lower[k][r] * lower[k][c];
+            }
+            if r == c {
+                sound = sound && sum > 1e-7 * block[c][c];
+                lower[c][c] = sqrt(max(sum, 1e-37));
+            } else {
+                lower[c][r] = sum / lower[c][c];
+            }
+        }
+    }
+    var inverse = Block();
+    for (var c = 0u; c < 6u; c++) {
+        if !sound {
+            inverse[c][c] = 1.0 / block[c][c];
+            continue;
+        }
+        var x = array<f32, 6>();
+        for (var r = c; r < 6u; r++) {
+            var sum = select(0.0, 1.0, r == c);
+            for (var k = c; k < r; k++) {
+                sum -= lower[k][r] * x[k];
+            }
+            x[r] = sum / lower[r][r];
+        }
+        for (var n = 0u; n < 6u; n++) {
+            let r = 5u - n;
+            var sum = x[r];
+            for (var k = r + 1u; k < 6u; k++) {
+                sum -= lower[r][k] * x[k];
+            }
+            x[r] = sum / lower[r][r];
+        }
+        inverse[c] = x;
+    }
+    return inverse;
+}
+
+// Π m Π, of the motions that there are: Π keeps shifts or not, and turns within.
+fn within(m: Block, shifts: f32, turns: mat3x3<f32>) -> Block {
+    var left = Block();
+    for (var c = 0u; c < 6u; c++) {
+        let turn = turns * vec3(m[c][3], m[c][4], m[c][5]);
+        left[c] = array<f32, 6>(shifts * m[c][0], shifts * m[c][1], shifts * m[c][2], turn.x, turn.y, turn.z);
+    }
+    var both = Block();
+    for (var r = 0u; r < 6u; r++) {
+        let turn = turns * vec3(left[3][r], left[4][r], left[5][r]);
+        both[0][r] = shifts * left[0][r];
+        both[1][r] = shifts * left[1][r];
+        both[2][r] = shifts * left[2][r];
+        both[3][r] = turn.x;
+        both[4][r] = turn.y;
+        both[5][r] = turn.z;
+    }
+    return both;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    if status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    for (var b = group.x; b < params.bodies; b += groups.x) {
+        let shape = shape_of(b);
+        let range = textureLoad(rigid_ranges, at(2u * b), 0);
+        var turn = textureLoad(motions, at(6u * b + 1u), 0);
+        if choice[0] != 0u {
+            turn = unit_turn(turn_product(textureLoad(motions, at(6u * b + 2u * choice[0] + 1u), 0), turn));
+        }
+        // Of shifts; of turns in both; between them.
+        var shifts = mat3x3(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        var turns = shifts;
+        var mixed = shifts;
+        for (var k = lane; k < range.y; k += WORKGROUP) {
+            let member = textureLoad(members, at(range.x + k), 0);
+            let i = member.x;
+            let a = turned(turn, textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor) / shape.radius;
+            let m = (1.0 + params.drag) * textureLoad(masses, at(i), 0).x;
+            var own = mat3x3(m, 0.0, 0.0, 0.0, m, 0.0, 0.0, 0.0, m);
+            if params.terms != 0u {
+                let b0 = textureLoad(preconditioner, at(2u * (params.nodes + i)), 0);
+                let b1 = textureLoad(preconditioner, at(2u * (params.nodes + i) + 1u), 0);
+                own += symmetric_matrix(vec3(b0.x, b0.w, b1.y), vec3(b0.yz, b1.x));
+            }
+            // What the node feels of shifts and of turns of its body.
+            var by_shift = own;
+            var by_turn = own * cross_matrix(-a);
+            let row = row_of(member.y);
+            for (var q = 0u; q < row.z; q++) {
+                let neighbours = textureLoad(columns, column_texel(row.y, member.y, q), 0);
+                for (var c = 0u; c < 4u; c++) {
+                    if neighbours[c] == i {
+                        continue;
+                    }
+                    let first = 3u * entry_item(row.y, member.y, 4u * q + c);
+                    let edge = transpose(mat3x3(
+                        textureLoad(matrix, at(first), 0).xyz,
+                        textureLoad(matrix, at(first + 1u), 0).xyz,
+                        textureLoad(matrix, at(first + 2u), 0).xyz,
+                    ));
+                    // K_ij (p_j − p_i).
+                    let other = textureLoad(rigid_arms, at(neighbours[c]), 0);
+                    if u32(other.w) == b + 1u {
+                        let apart = turned(turn, other.xyz - shape.anchor) / shape.radius - a;
+                        by_turn += edge * cross_matrix(-apart);
+                    } else {
+                        by_shift -= edge;
+                        by_turn += edge * cross_matrix(a);
+                    }
+                }
+            }
+            shifts += by_shift;
+            mixed += by_turn;
+            turns += cross_matrix(a) * by_turn;
+        }
+        for (var k = 0u; k < 3u; k++) {
+            shifts[k] = reduce(vec4(shifts[k], 0.0), lane).xyz;
+            mixed[k] = reduce(vec4(mixed[k], 0.0), lane).xyz;
+            turns[k] = reduce(vec4(turns[k], 0.0), lane).xyz;
+        }
+        if lane != 0u {
+            continue;
+        }
+        var block = Block();
+        for (var c = 0u; c < 3u; c++) {
+            for (var r = 0u; r < 3u; r++) {
+                block[c][r] = 0.5 * (shifts[c][r] + shifts[r][c]);
+                block[3u + c][3u + r] = 0.5 * (turns[c][r] + turns[r][c]);
+                block[3u + c][r] = mixed[c][r];
+                block[r][3u + c] = mixed[c][r];
+            }
+        }
+        let axis = turned(turn, shape.axis);
+        var keep = mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+        if shape.freedom == HINGE {
+            keep = mat3x3(axis * axis.x, axis * axis.y, axis * axis.z);
+        }
+        let free = select(0.0, 1.0, shape.freedom == FREE);
+        block = within(block, free, keep);
+        var scale = 1e-37;
+        var sum = 0.0;
+        for (var k = 0u; k < 6u; k++) {
+            scale = max(scale, block[k][k]);
+            sum += block[k][k];
+        }
+        // What it does not have is put in place of it.
+        for (var c = 0u; c < 3u; c++) {
+            block[c][c] += scale * (1.0 - free);
+            for (var r = 0u; r < 3u; r++) {
+                block[3u + c][3u + r] += scale * (select(0.0, 1.0, r == c) - keep[c][r]);
+            }
+        }
+        let inverse = within(inverse_of(block), free, keep);
+        textureStore(blocks, at(13u * b), turn);
+        for (var c = 0u; c < 6u; c++) {
+            let column = inverse[c];
+            textureStore(blocks, at(13u * b + 1u + 2u * c), vec4(column[0], column[1], column[2], sum / 6.0));
+            textureStore(blocks, at(13u * b + 2u + 2u * c), vec4(column[3], column[4], column[5], 0.0));
+        }
+    }
+}

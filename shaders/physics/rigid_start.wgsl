@@ -1,0 +1,116 @@
+// Where rigid bodies are as an implicit step begins, and the poses nearest to where their nodes
+// would be after it: with their velocities, and with velocities that go on changing as they did.
+//
+// Six texels a body: displacement of the anchor and turn, now; shift and turn over the step, for
+// the second start (`lib/start`); the same for the third. The first is to stay.
+
+#import lib/rigid_members
+#import lib/reduce
+#import lib/start
+#import lib/status
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var velocities: texture_2d<f32>;
+@group(0) @binding(2) var velocities_before: texture_2d<f32>;
+@group(0) @binding(3) var masses: texture_2d<f32>;
+@group(0) @binding(4) var rest: texture_2d<f32>;
+@group(0) @binding(5) var<storage, read> status: Status;
+@group(0) @binding(6) var motions: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(7) var<uniform> params: RigidParams;
+
+fn shift_of(i: u32) -> vec3<f32> {
+    return textureLoad(positions, at(i), 0).xyz - textureLoad(rest, at(i), 0).xyz;
+}
+
+// The turn nearest to what takes arms b with Σ m b bᵀ = second to y with Σ m (y − b) bᵀ = change.
+fn nearest_turn(shape: RigidShape, axis: vec3<f32>, second: mat3x3<f32>, change: mat3x3<f32>) -> vec4<f32> {
+    var q = NO_TURN;
+    for (var k = 0u; k < 6u; k++) {
+        let back = transpose(turn_change(q));
+        // Of the matrix turned back what is beside `second`, which has no moment.
+        let beside = back * second + change + back * change;
+        let moment = vec3(beside[1].z - beside[2].y, beside[2].x - beside[0].z, beside[0].y - beside[1].x);
+        let whole = second + 0.5 * (beside + transpose(beside));
+        q = unit_turn(turn_product(q, turn_by(turn_under(shape, axis, inertia_of(whole), moment))));
+    }
+    if !(finite(q.x) && finite(q.y) && finite(q.z) && finite(q.w)) {
+        return NO_TURN;
+    }
+    return q;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    if status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    for (var b = group.x; b < params.bodies; b += groups.x) {
+        let shape = shape_of(b);
+        let range = textureLoad(rigid_ranges, at(2u * b), 0);
+        let far = textureLoad(rigid_ranges, at(2u * b + 1u), 0);
+        let r0 = textureLoad(rigid_arms, at(far.x), 0).xyz;
+        let r1 = textureLoad(rigid_arms, at(far.y), 0).xyz;
+        let r2 = textureLoad(rigid_arms, at(far.z), 0).xyz;
+        let x0 = textureLoad(positions, at(far.x), 0).xyz;
+        let x1 = textureLoad(positions, at(far.y), 0).xyz;
+        let x2 = textureLoad(positions, at(far.z), 0).xyz;
+        let now = frame_along(x1 - x0, x2 - x0);
+        let near = turn_of(now * transpose(frame_along(r1 - r0, r2 - r0)));
+        var shift = shift_of(far.x) - turn_shift(near, r0 - shape.anchor);
+        if range.z != NO_NODE {
+            shift = shift_of(range.z);
+        }
+        var error = vec3(0.0);
+        var moment = vec3(0.0);
+        var sums = array<vec3<f32>, 8>();
+        for (var k = lane; k < range.y; k += WORKGROUP) {
+            let i = textureLoad(members, at(range.x + k), 0).x;
+            let m = textureLoad(masses, at(i), 0).x;
+            let r = textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor;
+            let a = turned(near, r);
+            // What rounding left of them, or f32 of the three nodes.
+            let e = shift_of(i) - shift - turn_shift(near, r);
+            error += m * e;
+            moment += m * cross(a, e);
+            let v = textureLoad(velocities, at(i), 0).xyz;
+            let before = textureLoad(velocities_before, at(i), 0).xyz;
+            let go = m * start_velocity(1u, v, before, true);
+            let swerve = m * start_velocity(2u, v, before, true);
+            sums[0] += go;
+            sums[1] += go * a.x;
+            sums[2] += go * a.y;
+            sums[3] += go * a.z;
+            sums[4] += swerve;
+            sums[5] += swerve * a.x;
+            sums[6] += swerve * a.y;
+            sums[7] += swerve * a.z;
+        }
+        error = reduce(vec4(error, 0.0), lane).xyz;
+        moment = reduce(vec4(moment, 0.0), lane).xyz;
+        for (var k = 0u; k < 8u; k++) {
+            sums[k] = reduce(vec4(sums[k], 0.0), lane).xyz;
+        }
+        if lane == 0u {
+            let free = shape.freedom == FREE;
+            if range.z == NO_NODE {
+                shift += error / shape.mass;
+            }
+            let inertia = inertia_of(second_moment(shape, near));
+            let turn = unit_turn(turn_product(turn_by(solve_symmetric(inertia, moment)), near));
+            let second = second_moment(shape, turn);
+            let axis = turned(turn, shape.axis);
+            textureStore(motions, at(6u * b), vec4(shift, 0.0));
+            textureStore(motions, at(6u * b + 1u), turn);
+            for (var c = 0u; c < 2u; c++) {
+                let change = params.dt * mat3x3(sums[4u * c + 1u], sums[4u * c + 2u], sums[4u * c + 3u]);
+                let go = select(vec3(0.0), params.dt / shape.mass * sums[4u * c], free);
+                textureStore(motions, at(6u * b + 2u * c + 2u), vec4(go, 0.0));
+                textureStore(motions, at(6u * b + 2u * c + 3u), nearest_turn(shape, axis, second, change));
+            }
+        }
+    }
+}
