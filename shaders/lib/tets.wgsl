@@ -33,8 +33,8 @@ fn gradient_of(tet: Tet, first: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f
 }
 
 // J below which a tet counts as crushed, and how much harder it resists then, over μ.
-const CRUSHED: f32 = 0.3;
-const STOP: f32 = 56.0;
+const CRUSHED: f32 = 0.1;
+const STOP: f32 = 100.0;
 
 // The energy of a change of volume J − 1.
 fn volume_energy(growth: f32, mu: f32, lambda: f32) -> f32 {

@@ -22,10 +22,10 @@ use super::rigid::RigidBody;
 use glam::{DMat3, DVec3};
 
 /// J below which a tet counts as crushed. `shaders/lib/tets.wgsl` has the same.
-pub(crate) const CRUSHED: f64 = 0.3;
+pub(crate) const CRUSHED: f64 = 0.1;
 
 /// How much harder crushed tets resist, over μ.
-pub(crate) const STOP: f64 = 56.0;
+pub(crate) const STOP: f64 = 100.0;
 
 /// The second derivatives of a tet's energy by its nodes a and b, at `[a][b]`.
 pub type Blocks = [[DMat3; 4]; 4];
