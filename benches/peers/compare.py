@@ -52,6 +52,9 @@ def curves(axes, rows):
         if points:
             colour, mark, dash = LOOKS[name]
             look = {"color": colour, "marker": mark, "linestyle": dash, "markersize": 5}
+            # Hollow marks are of rigid rods.
+            if name[1].endswith("rigid"):
+                look["markerfacecolor"] = "white"
             (lines[", ".join(name)],) = axes.plot(*zip(*points), **look)
     axes.set(xscale="log", yscale="log")
     axes.grid(color="#dddddd")
@@ -82,7 +85,7 @@ def chart_of_bars(rows, path):
             lines |= curves(grid[i, j], here)
             grid[i, j].set_title(f"{tets:,} tets, ν = {ratio:g}", fontsize=10)
             grid[i, j].yaxis.set_major_formatter(ticker.FuncFormatter(lambda y, _: f"{100 * y:g} %"))
-            grid[i, j].xaxis.set_major_formatter("{x:g}")
+            grid[i, j].xaxis.set_major_formatter("{x:,.0f}")
             grid[i, j].xaxis.set_minor_formatter(ticker.NullFormatter())
     figure.supxlabel("milliseconds of processor time a simulated second, one thread", fontsize=10)
     figure.supylabel("largest distance of a node to the exact motion, of the longest way", fontsize=10)
@@ -96,7 +99,7 @@ def chart_of_bar_with_rod(rows, path):
     figure, axes = pyplot.subplots(figsize=(10, 6), layout="constrained")
     lines = curves(axes, rows)
     axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda y, _: f"{100 * y:g} %"))
-    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_major_formatter("{x:,.0f}")
     axes.set(
         title=f"{bar.ROD_TETS:,} tets with a rod {bar.ROD:,.0f} times as stiff, ν = {bar.ROD_POISSON:g}",
         xlabel="milliseconds of processor time a simulated second, one thread",
