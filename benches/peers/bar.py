@@ -1,72 +1,69 @@
-"""A bar let go under gravity: Palpate's solvers and MuJoCo's flex against linear finite elements.
+"""A bar let go under a little gravity: Palpate, MuJoCo's flex and rapier's soft bodies.
 
-Everything is linear here: gravity is weak, so that the bar bends by a hundredth of its length.
+    venv/bin/python benches/peers/bar.py        # how far the load is from being a small one
+
+The bar is 0.8 x 0.2 x 0.2 m of 1 MPa and 1000 kg/m³, held at x = 0, of cubes of five tets. Truth
+are the modes of linear finite elements on the same mesh, in float64: gravity is so weak that the
+motion of any law of elasticity is within a thousandth of theirs. Every tool has the mesh, the
+masses of the nodes and one thread. A rod, where there is one, is the middle of the bar from a
+quarter of its length to the free end.
 """
 
+import json
+import os
 import subprocess
 import time
 from pathlib import Path
+from statistics import median
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-YOUNG, POISSON, DENSITY, GRAVITY = 1e5, 0.25, 1000.0, 1.0
-TETS, SPAN, SPANS = 640, 0.032, 8
+YOUNG, DENSITY, GRAVITY, LENGTH = 1e6, 1000.0, 0.05, 0.8
+# Seconds between the frames that are compared, and how many: about one swing.
+FRAME, FRAMES = 0.02, 32
+CELLS = {640: (8, 4, 4), 4320: (24, 6, 6), 34560: (48, 12, 12)}
+POISSONS = (0.3, 0.45)
+ROD_TETS, ROD_POISSON, ROD = 4320, 0.3, 1000.0
+MODES = 80
+# Seconds a run may take for one of half its step to be tried too.
+PATIENCE = 8.0
+TURNS = {640: 3, 4320: 2, 34560: 1}
 
-SCENE = """
-[mesh]
-generate = "bar"
-tets = {tets}
-[material]
-model = "springs"
-young = {young}
-density = {density}
-damping = 0.0
-[solver]
-name = "{solver}"
-dt = {dt}
-steps = {steps}
-gravity = [0.0, 0.0, {gravity}]
-[[pin]]
-axis = "x"
-below = 0.0
-"""
-
-
-def read(path):
-    """Nodes and tets of a .vtu file."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
-
-    reader = vtkXMLUnstructuredGridReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    grid = reader.GetOutput()
-    tets = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 4)
-    return vtk_to_numpy(grid.GetPoints().GetData()).astype(float), tets
+# How often the step of a frame is halved.
+HALVES = {
+    ("Palpate", "implicit"): range(0, 7),
+    ("Palpate", "bdf2"): range(0, 6),
+    ("Palpate", "bdf2-tight"): range(0, 6),
+    ("Palpate", "midpoint"): range(0, 6),
+    ("Palpate", "midpoint-tight"): range(0, 6),
+    ("Palpate", "velocity-verlet"): range(5, 8),
+    ("MuJoCo", "discrete"): range(0, 6),
+    ("MuJoCo", "Euler"): range(5, 9),
+    ("rapier", "fem"): range(0, 7),
+    ("rapier", "fem-solved"): range(0, 7),
+    ("rapier", "constraints"): range(1, 8),
+}
 
 
-def simulate(palpate, folder, solver, steps, frames):
-    """Runs Palpate; returns the seconds it took."""
-    folder.mkdir(parents=True, exist_ok=True)
-    scene = folder / "bar.toml"
-    scene.write_text(
-        SCENE.format(
-            tets=TETS,
-            young=YOUNG,
-            density=DENSITY,
-            solver=solver,
-            dt=SPAN / steps,
-            steps=steps,
-            gravity=-GRAVITY,
-        )
-    )
-    command = [palpate, "simulate", scene, "--frames", str(frames), "--no-pictures", "--out", folder]
-    start = time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        return None
-    return time.perf_counter() - start
+def bar(cells):
+    """Nodes and tets of the bar; every other cell is the mirror image of its neighbours."""
+    from reference_dynamics import bar as cubes
+
+    nodes, tets = cubes(cells, 1.0)
+    nodes = nodes * (np.array([LENGTH, 0.2, 0.2]) / cells)
+    edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
+    turned = np.linalg.det(edges) < 0
+    tets[turned] = tets[turned][:, [0, 2, 1, 3]]
+    return nodes, tets
+
+
+def in_rod(nodes, tets):
+    """Which tets are the rod's: the middle third of the bar across, but for the first quarter."""
+    middle = nodes[tets].mean(1)
+    across = np.abs(middle[:, 1:] - 0.1).max(1)
+    return (across < 0.1 / 3) & (middle[:, 0] > LENGTH / 4)
 
 
 def shape_gradients(nodes, tets):
@@ -85,106 +82,267 @@ def lumped_mass(nodes, tets, volumes):
     return mass
 
 
-def exact_motion(nodes, tets, times):
-    """Displacements of linear elements released at rest, at `times`, by their modes."""
-    gradients, volumes = shape_gradients(nodes, tets)
-    lam = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
-    mu = YOUNG / (2 * (1 + POISSON))
-    g = gradients
-    blocks = lam * np.einsum("tai,tbj->taibj", g, g) + mu * np.einsum("taj,tbi->taibj", g, g)
-    blocks += mu * np.einsum("tak,tbk,ij->taibj", g, g, np.eye(3))
-    blocks *= volumes[:, None, None, None, None]
-    size = 3 * len(nodes)
-    stiffness = np.zeros((size, size))
+def exact_motion(nodes, tets, young, poisson):
+    """Displacements in the frames of linear elements released at rest, by their slowest modes.
+
+    What other modes share is at rest where gravity holds it: also returned is how large that is,
+    relative to the longest way.
+    """
+    g, volumes = shape_gradients(nodes, tets)
+    lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson)) * volumes
+    mu = young / (2 * (1 + poisson)) * volumes
+    blocks = np.einsum("t,tai,tbj->taibj", lam, g, g) + np.einsum("t,taj,tbi->taibj", mu, g, g)
+    blocks += np.einsum("t,tak,tbk,ij->taibj", mu, g, g, np.eye(3))
     places = (3 * tets[:, :, None] + np.arange(3)).reshape(len(tets), 12)
-    for place, block in zip(places, blocks.reshape(len(tets), 12, 12)):
-        stiffness[np.ix_(place, place)] += block
-    mass = np.repeat(lumped_mass(nodes, tets, volumes), 3)
-    free = np.repeat(nodes[:, 0] > 1e-9, 3)
-    squares, modes = eigh(stiffness[np.ix_(free, free)], np.diag(mass[free]))
-    weight = (mass.reshape(-1, 3) * [0, 0, -GRAVITY]).ravel()[free]
-    pushed = modes.T @ weight / squares
-    motion = np.zeros((len(times), size))
-    motion[:, free] = (1 - np.cos(np.outer(times, np.sqrt(squares)))) * pushed @ modes.T
-    return motion.reshape(len(times), -1, 3)
+    rows, columns = np.repeat(places, 12, 1).ravel(), np.tile(places, (1, 12)).ravel()
+    size = 3 * len(nodes)
+    free = np.flatnonzero(np.repeat(nodes[:, 0] > 1e-9, 3))
+    stiffness = sp.csc_matrix((blocks.ravel(), (rows, columns)), (size, size))[free][:, free]
+    mass = np.repeat(lumped_mass(nodes, tets, volumes), 3)[free]
+    weight = mass * np.tile([0, 0, -GRAVITY], len(nodes))[free]
+    factor = splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options={"SymmetricMode": True})
+    still = factor.solve(weight)
+    inverse = LinearOperator(stiffness.shape, factor.solve, dtype=float)
+    squares, modes = eigsh(stiffness, MODES, sp.diags(mass), sigma=0, OPinv=inverse, v0=still)
+    shares = modes.T @ (mass * still)
+    times = FRAME * np.arange(1, FRAMES + 1)
+    motion = np.zeros((FRAMES, size))
+    motion[:, free] = still - (np.cos(np.outer(times, np.sqrt(squares))) * shares) @ modes.T
+    motion = motion.reshape(FRAMES, -1, 3)
+    rest = np.abs(still - modes @ shares).max() / way(motion)
+    return motion, rest
+
+
+def way(motion):
+    return float(np.linalg.norm(motion, axis=-1).max())
 
 
 def error(found, truth):
-    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+    """How far any node is ever from where it should be, of the longest way of any."""
+    return way(found - truth) / way(truth)
 
 
-def mujoco_motion(nodes, tets, integrator, dt):
-    """Displacements at the ends of the spans by MuJoCo's flex, and the seconds its steps took."""
+class Case:
+    """A mesh with its truth, and what the tools need of it."""
+
+    def __init__(self, tets, poisson, rod, folder):
+        self.poisson, self.rod, self.folder = poisson, rod, folder
+        self.nodes, self.tets = bar(CELLS[tets])
+        self.stiff = stiff = in_rod(self.nodes, self.tets)
+        young = np.where(stiff, ROD * YOUNG, YOUNG) if rod else np.full(len(self.tets), YOUNG)
+        self.truth, self.rest = exact_motion(self.nodes, self.tets, young, poisson)
+        self.mesh = folder / "bar.txt"
+        folder.mkdir(parents=True, exist_ok=True)
+        with open(self.mesh, "w") as file:
+            print(len(self.nodes), len(self.tets), file=file)
+            np.savetxt(file, self.nodes, "%.17g")
+            np.savetxt(file, np.column_stack([self.tets, stiff]), "%d")
+        self.models = {}
+
+
+def program(command, case, setting, step):
+    """Motion and milliseconds of processor time by a program beside this one, or why there are none."""
+    scheme, _, rod = setting.partition(", ")
+    out = case.folder / "motion.bin"
+    out.unlink(missing_ok=True)
+    numbers = [case.poisson, GRAVITY, repr(step), FRAME, FRAMES]
+    rod = [] if not case.rod else ["rigid"] if rod else [ROD]
+    asked = [command, case.mesh, out, scheme, *numbers, *rod]
+    asked = [str(word) for word in asked]
+    environment = {**os.environ, "RAYON_NUM_THREADS": "1"}
+    done = subprocess.run(asked, capture_output=True, text=True, check=False, env=environment)
+    if done.returncode != 0:
+        return None, float("nan"), done.stderr.strip()
+    motion = np.fromfile(out).reshape(FRAMES, -1, 3)
+    return motion, float(done.stdout.split()[0]), ""
+
+
+def words(numbers):
+    return " ".join(f"{x:.9g}" for x in np.ravel(numbers))
+
+
+def mujoco_rod(case, mass):
+    """The bar as a flex whose nodes are bodies of their own, but for the rod's, which are one."""
+    held, of_rod = case.nodes[:, 0] < 1e-9, np.zeros(len(case.nodes), bool)
+    of_rod[case.tets[case.stiff].ravel()] = True
+    weights = mass[of_rod]
+    middle = weights @ case.nodes[of_rod] / weights.sum()
+    arms = case.nodes[of_rod] - middle
+    inertia = (weights @ (arms**2).sum(1)) * np.eye(3) - np.einsum("n,ni,nj->ij", weights, arms, arms)
+    inertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    bodies = [
+        f"""<body name="rod" pos="{words(middle)}"><freejoint/>
+          <inertial pos="0 0 0" mass="{weights.sum():.9g}" fullinertia="{words(inertia)}"/></body>"""
+    ]
+    names, places = [], np.zeros_like(case.nodes)
+    for node, place in enumerate(case.nodes):
+        names.append("world" if held[node] else "rod" if of_rod[node] else f"node{node}")
+        if held[node]:
+            places[node] = place
+        elif of_rod[node]:
+            places[node] = place - middle
+        else:
+            # A node does not turn; the size of its inertia means nothing.
+            bodies.append(
+                f"""<body name="node{node}" pos="{words(place)}">{slides}
+                  <inertial pos="0 0 0" mass="{mass[node]:.9g}" diaginertia="{words([1e-4 * mass[node]] * 3)}"/></body>"""
+            )
+    return f"""<worldbody>{"".join(bodies)}</worldbody>
+      <deformable><flex name="bar" dim="3" radius="0.0005" body="{" ".join(names)}"
+        vertex="{words(places)}" element="{words(case.tets)}">
+        <contact contype="0" conaffinity="0" selfcollide="none"/>
+        <elasticity young="{YOUNG}" poisson="{case.poisson}" damping="0"/>
+      </flex></deformable>"""
+
+
+def mujoco_model(case, integrator):
     import mujoco
 
-    held = np.flatnonzero(nodes[:, 0] < 1e-9)
-    xml = f"""<mujoco>
-      <option timestep="{dt}" gravity="0 0 {-GRAVITY}" integrator="{integrator}"/>
-      <size memory="1G"/>
-      <worldbody><flexcomp name="bar" type="direct" dim="3" mass="1" radius="0.0005"
-        point="{" ".join(f"{x:.9g}" for x in nodes.ravel())}"
-        element="{" ".join(str(v) for v in tets.ravel())}">
-        <contact contype="0" conaffinity="0" selfcollide="none"/>
-        <elasticity young="{YOUNG}" poisson="{POISSON}" damping="0"/>
-        <pin id="{" ".join(str(v) for v in held)}"/>
-      </flexcomp></worldbody></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(xml)
-    data = mujoco.MjData(model)
+    # What it warns of is counted, and need not be written to a file.
+    mujoco.set_mju_user_warning(lambda text: None)
     # Each node weighs a quarter of its tets, as in the elements and in Palpate.
-    _, volumes = shape_gradients(nodes, tets)
-    mass = lumped_mass(nodes, tets, volumes)
-    for node, body in enumerate(model.flex_vertbodyid):
-        if nodes[node, 0] > 1e-9:
-            model.body_mass[body] = mass[node]
-    mujoco.mj_setConst(model, data)
+    _, volumes = shape_gradients(case.nodes, case.tets)
+    mass = lumped_mass(case.nodes, case.tets, volumes)
+    held = np.flatnonzero(case.nodes[:, 0] < 1e-9)
+    plain = f"""<worldbody><flexcomp name="bar" type="direct" dim="3" mass="32" radius="0.0005"
+        point="{words(case.nodes)}" element="{words(case.tets)}">
+        <contact contype="0" conaffinity="0" selfcollide="none"/>
+        <elasticity young="{YOUNG}" poisson="{case.poisson}" damping="0"/>
+        <pin id="{words(held)}"/>
+      </flexcomp></worldbody>"""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 {-GRAVITY}" integrator="{integrator}"/><size memory="2G"/>
+        {mujoco_rod(case, mass) if case.rod else plain}</mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    if not case.rod:
+        for node, body in enumerate(model.flex_vertbodyid):
+            if case.nodes[node, 0] > 1e-9:
+                model.body_mass[body] = mass[node]
+        mujoco.mj_setConst(model, data)
+    return model, data
+
+
+def mujoco_motion(case, integrator, step):
+    import mujoco
+
+    if integrator not in case.models:
+        case.models[integrator] = mujoco_model(case, integrator)
+    model, data = case.models[integrator]
+    mujoco.mj_resetData(model, data)
+    model.opt.timestep = step
     mujoco.mj_forward(model, data)
     start = data.flexvert_xpos.copy()
-    steps = round(SPAN / dt)
+    kinds = mujoco.mjtWarning
+    lost = [kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC]
     motion, seconds = [], 0.0
-    for _ in range(SPANS):
-        begin = time.perf_counter()
-        for _ in range(steps):
+    for _ in range(FRAMES):
+        begin = time.thread_time()
+        for _ in range(round(FRAME / step)):
             mujoco.mj_step(model, data)
-        seconds += time.perf_counter() - begin
+        seconds += time.thread_time() - begin
         motion.append(data.flexvert_xpos - start)
-    motion = np.array(motion)
-    return (motion if np.isfinite(motion).all() and np.abs(motion).max() < 1 else None), seconds
+        # It starts anew where it flies apart, with a warning.
+        if any(data.warning[kind].number for kind in lost) or not way(motion[-1]) < 1:
+            return None, float("nan"), "flew apart"
+    unsolved = data.warning[kinds.mjWARN_INERTIA].number
+    return np.array(motion), 1e3 * seconds, "warned of a solve that did not converge" if unsolved else ""
 
 
-def compare(palpate, folder):
-    """Rows of (tool, setting, step, ms a simulated second, error)."""
-    simulate(palpate, folder / "rest", "implicit", 4, 0)
-    nodes, tets = read(next((folder / "rest").glob("*.vtu")))
-    times = SPAN * np.arange(1, SPANS + 1)
-    truth = exact_motion(nodes, tets, times)
+def build(root):
+    """Commands of the programs that step Palpate and rapier, built from source."""
+    def made(name, *cargo):
+        command = ["cargo", *cargo, "--message-format=json"]
+        done = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, text=True, check=True)
+        parts = [json.loads(line) for line in done.stdout.splitlines()]
+        return next(p["executable"] for p in parts if p.get("executable") and p["target"]["name"] == name)
+
+    rapier = str(Path("benches/peers/rapier/Cargo.toml"))
+    return {
+        "Palpate": made("peer_bar", "bench", "--bench", "peer_bar", "--no-run"),
+        "rapier": made("rapier-bar", "build", "--release", "--locked", "--manifest-path", rapier),
+    }
+
+
+def measured(case, tool, setting, step, commands):
+    if tool == "MuJoCo":
+        return mujoco_motion(case, setting.partition(",")[0], step)
+    return program(commands[tool], case, setting, step)
+
+
+def ladder(case, tets, poisson, work, halves, commands):
+    """Rows of one chart's panel; the tools take turns."""
+    rows = {}
+    for turn in range(TURNS[tets]):
+        slow = set()
+        for k in range(max(of_it.stop for of_it in halves.values())):
+            for (tool, setting), of_it in halves.items():
+                if k not in of_it or (tool, setting) in slow:
+                    continue
+                step = FRAME / 2**k
+                row = rows.get((tool, setting, step))
+                if turn and (row is None or row["state"] != "ran"):
+                    continue
+                motion, ms, why = measured(case, tool, setting, step, commands)
+                if row is None:
+                    off = error(motion, case.truth) if motion is not None else float("nan")
+                    # As far off as the bar moves: that is no motion of it.
+                    state = "ran" if off < 2 else "diverged"
+                    row = {"state": state, "error": off if state == "ran" else float("nan"), "ms": []}
+                    rows[tool, setting, step] = row
+                    print(f"{work} {tets} {poisson} {tool} {setting} {step:.3g} s: {ms:.1f} ms, {row['error']:.3g} {why}", flush=True)
+                row["ms"].append(ms)
+                if ms > 1e3 * PATIENCE:
+                    slow.add((tool, setting))
+    length = FRAME * FRAMES
+    return [
+        [work, tool, setting, tets, poisson, step, median(row["ms"]) / length if row["state"] == "ran" else float("nan"), row["error"], row["state"]]
+        for (tool, setting, step), row in rows.items()
+    ]
+
+
+def compare(root, folder, sizes):
+    """Rows of (work, tool, setting, tets, ν, step, ms a simulated second, error, state)."""
+    commands = build(root)
     rows = []
-    duration = SPAN * SPANS
-    for solver, ladder in [
-        ("symplectic", [64, 128, 256]),
-        ("velocity-verlet", [64, 128, 256]),
-        ("implicit", [4, 16, 64, 256]),
-    ]:
-        for steps in ladder:
-            run = folder / f"{solver}_{steps}"
-            start = simulate(palpate, run, solver, steps, 0)
-            took = simulate(palpate, run, solver, steps, SPANS)
-            row = ["Palpate", solver, SPAN / steps]
-            if start is None or took is None:
-                rows.append(row + [float("nan"), float("nan"), "diverged"])
-                continue
-            frames = sorted(run.glob("*.vtu"))
-            found = np.array([read(f)[0] for f in frames[1:]]) - nodes
-            ms = 1e3 * max(took - start, 1e-4) / duration
-            rows.append(row + [ms, error(found, truth), "ran"])
-    # Its other integrators refuse elastic flexes.
-    for integrator, ladder in [("Euler", [32, 64, 128, 256]), ("discrete", [8, 32, 128])]:
-        for steps in ladder:
-            found, seconds = mujoco_motion(nodes, tets, integrator, SPAN / steps)
-            row = ["MuJoCo", integrator, SPAN / steps]
-            off = float("inf") if found is None else error(found, truth)
-            # Farther off than the body moves: it starts anew in between, or flies apart.
-            if off > 1:
-                rows.append(row + [float("nan"), float("nan"), "diverged"])
-            else:
-                rows.append(row + [1e3 * seconds / duration, off, "ran"])
-    return rows
+    for tets in sizes:
+        for poisson in POISSONS:
+            case = Case(tets, poisson, False, folder)
+            print(f"bar {tets} {poisson}: modes left out are {case.rest:.1e} of the way", flush=True)
+            rows += ladder(case, tets, poisson, "bar", HALVES, commands)
+    # MuJoCo has one modulus for a flex, whose nodes may be those of a rigid body; rapier's soft
+    # bodies have none that are; Palpate has both.
+    halves = {name: k for name, k in HALVES.items() if name[0] != "MuJoCo"}
+    rigid = [("Palpate", "implicit"), ("Palpate", "bdf2"), ("MuJoCo", "discrete"), ("MuJoCo", "Euler")]
+    halves |= {(tool, f"{scheme}, rigid"): HALVES[tool, scheme] for tool, scheme in rigid}
+    case = Case(ROD_TETS, ROD_POISSON, True, folder)
+    print(f"rod: modes left out are {case.rest:.1e} of the way", flush=True)
+    return rows + ladder(case, ROD_TETS, ROD_POISSON, "rod", halves, commands)
+
+
+def load_is_small(poisson):
+    """How far neo-Hookean tets move otherwise than under a hundredth of the load, of the way."""
+    import reference_dynamics as reference
+
+    reference.MU = YOUNG / (2 * (1 + poisson))
+    reference.LAMBDA = YOUNG * poisson / ((1 + poisson) * (1 - 2 * poisson)) + reference.MU
+    motions = []
+    for gravity in (GRAVITY, GRAVITY / 100):
+        reference.GRAVITY = np.array([0.0, 0.0, -gravity])
+        body, states = reference.Body(), []
+        sunk = body.sunk
+
+        def noted(x):
+            states.append((x - body.rest) / gravity)
+            return sunk(x)
+
+        body.sunk = noted
+        reference.trapezoid(body, FRAME / 4, 4 * FRAMES)
+        motions.append(np.array(states))
+    return error(*motions)
+
+
+if __name__ == "__main__":
+    for ratio in POISSONS:
+        print(f"at ν = {ratio} gravity of {GRAVITY} m/s² makes {load_is_small(ratio):.1e} of the way")

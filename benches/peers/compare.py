@@ -1,4 +1,4 @@
-"""Palpate and its peers in one sitting: peers.csv, peers_bar.svg, peers_cube.svg."""
+"""Palpate and its peers in one sitting: peers.csv and the charts of bars and cubes."""
 
 import argparse
 import csv
@@ -14,66 +14,161 @@ import matplotlib
 matplotlib.use("Agg")
 from matplotlib import pyplot, ticker  # noqa: E402
 
-# Okabe and Ito's colours, which the colour-blind tell apart, and marks besides.
-COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
-MARKS = "o^sDvPX"
+COLUMNS = ["work", "tool", "setting", "tets", "poisson", "step_s", "ms", "error", "state", "machine", "date"]
+# Okabe and Ito's colours, which the colour-blind tell apart, and marks besides: blues and green are
+# Palpate's, reds MuJoCo's, greys and yellow rapier's.
+LOOKS = {
+    ("Palpate", "implicit"): ("#0072B2", "o", "-"),
+    ("Palpate", "bdf2"): ("#56B4E9", "s", "-"),
+    ("Palpate", "bdf2-tight"): ("#56B4E9", "s", ":"),
+    ("Palpate", "midpoint"): ("#009E73", "^", "-"),
+    ("Palpate", "midpoint-tight"): ("#009E73", "^", ":"),
+    ("Palpate", "velocity-verlet"): ("#0B3C5D", "D", "-"),
+    ("Palpate", "implicit, rigid"): ("#0072B2", "o", ":"),
+    ("Palpate", "bdf2, rigid"): ("#56B4E9", "s", ":"),
+    ("MuJoCo", "discrete"): ("#D55E00", "v", "--"),
+    ("MuJoCo", "Euler"): ("#CC79A7", "P", "--"),
+    ("MuJoCo", "discrete, rigid"): ("#D55E00", "v", ":"),
+    ("MuJoCo", "Euler, rigid"): ("#CC79A7", "P", ":"),
+    ("rapier", "fem"): ("#999999", "X", "-."),
+    ("rapier", "fem-solved"): ("#000000", "X", "-."),
+    ("rapier", "constraints"): ("#E69F00", "*", "-."),
+    ("VTK", "projected tetrahedra"): ("#D55E00", "^", "-"),
+    ("VTK", "ray cast"): ("#009E73", "s", "-"),
+    ("VTK", "ZSweep"): ("#CC79A7", "D", "-"),
+    ("Palpate", "raycast"): ("#0072B2", "o", "-"),
+}
 
 
 def rounded(entry):
     return f"{entry:.4g}" if isinstance(entry, float) else entry
 
 
-def chart(rows, title, x, y, path):
-    figure, axes = pyplot.subplots(figsize=(10, 6), layout="constrained")
-    tools = list(dict.fromkeys((r[1], r[2]) for r in rows))
-    for k, tool in enumerate(tools):
-        points = [(r[4], r[5]) for r in rows if (r[1], r[2]) == tool and r[6] == "ran"]
+def curves(axes, rows):
+    """Draws time against error, a line a tool; returns them by name."""
+    lines = {}
+    for name in LOOKS:
+        points = [(float(r[6]), float(r[7])) for r in rows if (r[1], r[2]) == name and r[8] == "ran"]
         if points:
-            look = {"color": COLOURS[k % 7], "marker": MARKS[k % 7]}
-            axes.plot(*zip(*points), label=f"{tool[0]}, {tool[1]}", **look)
-    axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y, title=title)
+            colour, mark, dash = LOOKS[name]
+            look = {"color": colour, "marker": mark, "linestyle": dash, "markersize": 5}
+            # Hollow marks are of rigid rods.
+            if name[1].endswith("rigid"):
+                look["markerfacecolor"] = "white"
+            (lines[", ".join(name)],) = axes.plot(*zip(*points), **look)
+    axes.set(xscale="log", yscale="log")
+    axes.grid(color="#dddddd")
+    axes.set_axisbelow(True)
+    return lines
+
+
+def save(figure, path):
+    for kind in ("svg", "png"):
+        figure.savefig(path.with_suffix(f".{kind}"), dpi=100)
+    # Of an SVG each line ends in its last character.
+    svg = path.with_suffix(".svg")
+    svg.write_text("\n".join(line.rstrip() for line in svg.read_text().splitlines()) + "\n")
+
+
+def chart_of_bars(rows, path):
+    """A panel for each size and Poisson's ratio."""
+    sizes = list(dict.fromkeys(int(r[3]) for r in rows))
+    ratios = list(dict.fromkeys(float(r[4]) for r in rows))
+    shape = (len(sizes), len(ratios))
+    figure, grid = pyplot.subplots(
+        *shape, figsize=(11, 1 + 3.6 * len(sizes)), sharex="row", sharey=True, squeeze=False, layout="constrained"
+    )
+    lines = {}
+    for i, tets in enumerate(sizes):
+        for j, ratio in enumerate(ratios):
+            here = [r for r in rows if int(r[3]) == tets and float(r[4]) == ratio]
+            lines |= curves(grid[i, j], here)
+            grid[i, j].set_title(f"{tets:,} tets, ν = {ratio:g}", fontsize=10)
+            grid[i, j].yaxis.set_major_formatter(ticker.FuncFormatter(lambda y, _: f"{100 * y:g} %"))
+            grid[i, j].xaxis.set_major_formatter("{x:,.0f}")
+            grid[i, j].xaxis.set_minor_formatter(ticker.NullFormatter())
+    figure.supxlabel("milliseconds of processor time a simulated second, one thread", fontsize=10)
+    figure.supylabel("largest distance of a node to the exact motion, of the longest way", fontsize=10)
+    named = {", ".join(name): None for name in LOOKS}
+    names = [name for name in named if name in lines]
+    figure.legend([lines[n] for n in names], names, loc="outside upper center", ncols=5 if len(ratios) > 1 else 3, frameon=False)
+    save(figure, path)
+
+
+def chart_of_bar_with_rod(rows, path):
+    figure, axes = pyplot.subplots(figsize=(10, 6), layout="constrained")
+    lines = curves(axes, rows)
+    axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda y, _: f"{100 * y:g} %"))
+    axes.xaxis.set_major_formatter("{x:,.0f}")
+    axes.set(
+        title=f"{bar.ROD_TETS:,} tets with a rod {bar.ROD:,.0f} times as stiff, ν = {bar.ROD_POISSON:g}",
+        xlabel="milliseconds of processor time a simulated second, one thread",
+        ylabel="largest distance of a node to the exact motion, of the longest way",
+    )
+    axes.legend(lines.values(), lines, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    save(figure, path)
+
+
+def chart_of_cubes(rows, path):
+    figure, axes = pyplot.subplots(figsize=(10, 6), layout="constrained")
+    lines = curves(axes, rows)
+    sizes = list(dict.fromkeys(int(r[3]) for r in rows))
+    axes.set(
+        title=f"A cube of {', '.join(f'{n:,}' for n in sizes)} tets, {cube.SIZE}²",
+        xlabel="ms a frame",
+        ylabel="RMSE of the range 0 to 1",
+    )
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(ticker.NullFormatter())
-    axes.grid(color="#dddddd")
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
-    for kind in ("svg", "png"):
-        figure.savefig(path.with_suffix(f".{kind}"), dpi=100)
+    axes.legend(lines.values(), lines, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    save(figure, path)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--palpate", default="target/release/palpate", help="the program to compare")
+    parser.add_argument("--palpate", default="target/release/palpate", help="the program that draws the cube")
     parser.add_argument("--out", type=Path, required=True, help="folder for the CSV and charts")
+    parser.add_argument("--only", choices=["bar", "cube", "charts"], help="measure this, keep the other rows")
+    parser.add_argument("--tets", default=",".join(map(str, bar.CELLS)), help="sizes of the bar")
     parser.add_argument("--sides", default="10,20,40", help="cells along the cube's side")
     parser.add_argument("--frames", type=int, default=5, help="frames whose median counts")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
-    sides = [int(n) for n in asked.sides.split(",")]
+    sheet = asked.out / "peers.csv"
+    stamp = [platform.processor() or platform.machine(), datetime.date.today().isoformat()]
+    rows = []
+    if asked.only:
+        with open(sheet, newline="") as file:
+            head, *rows = csv.reader(file)
+        if head != COLUMNS:
+            raise SystemExit(f"{sheet} has other columns; move it away, or leave --only out")
+    # Beside this file are the sources of the programs that step bars.
+    root = Path(__file__).resolve().parents[2]
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
-        bars = [["bar", *row] for row in bar.compare(asked.palpate, folder / "bar")]
-        cubes = [["cube", *row] for row in cube.compare(asked.palpate, folder / "cube", sides, asked.frames)]
-    stamp = [platform.processor() or platform.machine(), datetime.date.today().isoformat()]
-    with open(asked.out / "peers.csv", "w", newline="") as file:
+        if asked.only in (None, "bar"):
+            sizes = [int(n) for n in asked.tets.split(",")]
+            found = bar.compare(root, folder / "bar", sizes)
+            rows = [[*map(rounded, row), *stamp] for row in found] + [r for r in rows if r[0] == "cube"]
+        if asked.only in (None, "cube"):
+            sides = [int(n) for n in asked.sides.split(",")]
+            found = cube.compare(asked.palpate, folder / "cube", sides, asked.frames)
+            # Tool, setting and tets, then milliseconds, error and state.
+            found = [["cube", *row[:3], "", "", *row[3:]] for row in found]
+            rows = [r for r in rows if r[0] != "cube"] + [[*map(rounded, row), *stamp] for row in found]
+    with open(sheet, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["work", "tool", "setting", "step_s_or_tets", "ms", "error", "state", "machine", "date"])
-        writer.writerows([*map(rounded, row), *stamp] for row in bars + cubes)
-    chart(
-        bars,
-        f"A bar of {bar.TETS} tets released under gravity",
-        "ms per simulated second",
-        "relative L2 error against linear elements",
-        asked.out / "peers_bar",
-    )
-    chart(
-        cubes,
-        f"A cube of {', '.join(f'{6 * n**3:,}' for n in sides)} tets, {cube.SIZE}²",
-        "ms a frame",
-        "RMSE of the range 0 to 1",
-        asked.out / "peers_cube",
-    )
+        writer.writerow(COLUMNS)
+        writer.writerows(rows)
+    of = lambda work: [r for r in rows if r[0] == work]
+    if of("bar"):
+        chart_of_bars(of("bar"), asked.out / "peers_bar")
+    if of("rod"):
+        chart_of_bar_with_rod(of("rod"), asked.out / "peers_rod")
+    if of("cube") and asked.only in (None, "cube"):
+        chart_of_cubes(of("cube"), asked.out / "peers_cube")
 
 
 if __name__ == "__main__":
