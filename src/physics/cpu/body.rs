@@ -26,6 +26,9 @@ use std::sync::Arc;
 /// twice as many take a tenth off the iterations, and make each dearer.
 const GROUPS: f64 = 3.0;
 
+/// The tolerance of Newton's iterations by the midpoint rule, where nothing is said.
+const MIDPOINT: f64 = 1e-5;
+
 /// Nodes that are led on from within so much of the body's size of where they are do not jump.
 const GOES_ON: f64 = 1e-5;
 
@@ -158,9 +161,11 @@ impl<T: Real> CpuBody<T> {
         }
         let newton = (implicit && !elements.is_empty()).then(|| {
             let own = settings.tolerance != ConjugateGradients::default().tolerance;
-            let newton = match own {
-                true => crate::physics::Newton::to(settings.tolerance),
-                false => crate::physics::Newton::default(),
+            let newton = match (own, kind) {
+                (true, _) => crate::physics::Newton::to(settings.tolerance),
+                // Nothing damps what a rough solve leaves.
+                (false, SolverKind::Midpoint) => crate::physics::Newton::to(MIDPOINT),
+                (false, _) => crate::physics::Newton::default(),
             };
             let rule = match kind {
                 SolverKind::Bdf2 => Rule::Bdf2,

@@ -3,23 +3,30 @@
 use super::implicit::{Implicit, Scene};
 use super::pool::{Nodes, Plan};
 use super::real::Real;
-use super::vectors::{apply, inverse_definite, weight as dot, zero};
+use super::vectors::{Symmetric, apply, inverse_definite, weight as dot, zero};
 
 impl<T: Real> Implicit<T> {
     /// Makes the inverse diagonal blocks of what was linearised; those of rigid bodies are there.
-    /// Returns rᵀD⁻¹r, the sum of the diagonal's means, and whether all blocks are positive
-    /// definite.
+    /// Returns rᵀD⁻¹r, the number of nodes times the harmonic mean of the diagonal, by which what is
+    /// stiff does not hide what is soft, and whether all blocks are positive definite.
     pub(super) fn precondition(&mut self, scene: &Scene<'_, T>) -> (f64, f64, bool) {
         let (blocks, inverses, residual, tied) = self.diagonal();
         let data = (Nodes(inverses), ());
-        let [start, weight, bad] = scene.plan.each(data, &|chunk, nodes, (inverses, ())| {
-            let (mut start, mut weight, mut bad) = (0.0, 0.0, 0.0);
+        let [start, gives, count, bad] = scene.plan.each(data, &|chunk, nodes, (inverses, ())| {
+            let (mut start, mut gives, mut count, mut bad) = (0.0, 0.0, 0.0, 0.0);
+            let mut weigh = |d: &Symmetric<T>| {
+                let mean = (d[0].wide() + d[1].wide() + d[2].wide()) / 3.0;
+                if mean > 0.0 {
+                    gives += 1.0 / mean;
+                    count += 1.0;
+                }
+            };
             for (n, i) in nodes.enumerate() {
                 let d = &blocks[i];
                 if scene.free[i] == T::ZERO || tied.has(i) {
                     inverses.0[n] = [zero(); 3];
                     if scene.free[i] != T::ZERO {
-                        weight += (d[0].wide() + d[1].wide() + d[2].wide()) / 3.0;
+                        weigh(d);
                     }
                     continue;
                 }
@@ -30,14 +37,15 @@ impl<T: Real> Implicit<T> {
                 }
                 let r = residual[i];
                 start += dot(r, apply(&inverse, r));
-                weight += (d[0].wide() + d[1].wide() + d[2].wide()) / 3.0;
+                weigh(d);
             }
             for body in tied.bodies_of(scene.plan, chunk) {
                 let first = body.nodes().start;
                 start += body.weigh(&body.restrict(|n| residual[first + n]));
             }
-            [start, weight, bad]
+            [start, gives, count, bad]
         });
+        let weight = count * count / f64::max(gives, f64::MIN_POSITIVE);
         (start, weight, bad == 0.0 && tied.sound())
     }
 
