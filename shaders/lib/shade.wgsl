@@ -16,27 +16,23 @@ const FAINT: f32 = 2.0;
 // direction away from the eye, and all is in the local frame.
 fn shade(view: View, gradient: vec3<f32>, ray: vec3<f32>) -> vec2<f32> {
     let steep = length(gradient);
+    return shade_by(view, gradient, ray, steep / (steep + FAINT));
+}
+
+// The same of a surface that the gradient stands on, however steep.
+fn shade_surface(view: View, gradient: vec3<f32>, ray: vec3<f32>) -> vec2<f32> {
+    return shade_by(view, gradient, ray, 1.0);
+}
+
+fn shade_by(view: View, gradient: vec3<f32>, ray: vec3<f32>, weight: f32) -> vec2<f32> {
+    let steep = length(gradient);
     if steep < 1e-6 {
         return vec2(1.0, 0.0);
     }
     let n = gradient / steep;
-    let weight = steep / (steep + FAINT);
     let light = select(view.light.xyz, -ray, view.light.w > 0.5);
     let half_way = light - ray;
     let l = length(half_way);
     let facing = select(0.0, abs(dot(n, half_way)) / max(l, 1e-6), l > 1e-6);
     return vec2(mix(1.0, AMBIENT + DIFFUSE * abs(dot(n, light)), weight), SHINE * weight * pow(facing, GLOSS));
-}
-
-// The same of a stretch of a ray with these gradients at its ends: that of the one in its middle.
-fn shaded(front: vec3<f32>, back: vec3<f32>, ray: vec3<f32>) -> vec2<f32> {
-    if LIT {
-        return shade(params, 0.5 * (front + back), ray);
-    }
-    return vec2(1.0, 0.0);
-}
-
-// The unit direction in the local frame of a ray of this slope.
-fn way_of(slope: vec2<f32>) -> vec3<f32> {
-    return normalize(slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz);
 }

@@ -3,7 +3,7 @@
 
 #import lib/array
 #import lib/view
-#import lib/segment
+#import lib/table
 
 // Each segment: scalars (0 to 1 over the field's range) at front and back, length in local units.
 @group(0) @binding(0) var segments: texture_2d<f32>;

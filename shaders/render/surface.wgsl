@@ -1,8 +1,10 @@
-// The lit boundary of the mesh, drawn from where its nodes are now; both sides are lit.
+// The lit boundary of the mesh, drawn from where its nodes are now, as far as clip planes leave it;
+// both sides are lit.
 
 #import lib/array
 #import lib/view
 #import lib/light
+#import lib/clip
 
 // Normals of nodes, or of faces.
 override SMOOTH: bool = true;
@@ -19,6 +21,9 @@ struct Corner {
     @location(0) place: vec3<f32>,
     @location(1) normal: vec3<f32>,
     @location(2) colour: vec3<f32>,
+    // In the local frame, now and at rest.
+    @location(3) local: vec3<f32>,
+    @location(4) rest: vec3<f32>,
 }
 
 fn turned(v: vec3<f32>) -> vec3<f32> {
@@ -39,11 +44,18 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
         normal *= inverseSqrt(max(dot(normal, normal), 1e-37));
     }
     let q = to_camera(params, p);
-    return Corner(to_clip(params, q), q, turned(normal), textureLoad(colours, at(node), 0).rgb);
+    var rest = p;
+    if RESTING {
+        rest = textureLoad(rests, at(node), 0).xyz;
+    }
+    return Corner(to_clip(params, q), q, turned(normal), textureLoad(colours, at(node), 0).rgb, p, rest);
 }
 
 @fragment
 fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
+    if CLIPS > 0u && cut_off(corner.local, corner.rest) {
+        discard;
+    }
     let normal = normalize(corner.normal) * select(-1.0, 1.0, front);
     return vec4(lit(corner.colour, normal, towards_eye(params, corner.place)), 1.0);
 }

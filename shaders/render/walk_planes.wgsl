@@ -9,53 +9,19 @@
 #import lib/tet
 #import lib/segment
 #import lib/sight
-
-override BACKWARDS: bool = false;
-override OCCLUDED: bool = false;
-// Whether scalars are constant in each tet.
-override CELLS: bool = false;
+#import lib/walk_frame
 
 // Eight texels a tet; see refresh_geometry.wgsl.
 @group(0) @binding(0) var records: texture_2d<u32>;
 // One scalar a tet, if CELLS.
 @group(0) @binding(1) var cells: texture_2d<f32>;
-// If LIT: the four nodes of each tet, their positions, and the gradient at each.
+// If LIT or RESTING: the four nodes of each tet, their positions, and if LIT the gradient at each.
 @group(0) @binding(2) var tets: texture_2d<u32>;
 @group(0) @binding(3) var positions: texture_2d<f32>;
 @group(0) @binding(4) var gradients: texture_2d<f32>;
-@group(0) @binding(5) var starts: texture_2d<u32>;
-@group(0) @binding(6) var fronts: texture_2d<u32>;
-@group(0) @binding(7) var gathered: texture_2d<f32>;
-@group(0) @binding(8) var occluder: texture_depth_2d;
-@group(0) @binding(9) var table: texture_2d_array<f32>;
-@group(0) @binding(10) var smooth_sampler: sampler;
-@group(0) @binding(11) var<storage, read_write> lost: array<atomic<u32>, 1>;
-@group(0) @binding(12) var<uniform> params: View;
-
-#import lib/fullscreen
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return fullscreen(index);
-}
 
 // A walk that ends farther than this outside the tet it was in last, in local units, is lost.
 const STRAY: f32 = 1e-3;
-
-// A ray in the local frame: point(z) = foot + z run.
-struct Ray {
-    foot: vec3<f32>,
-    run: vec3<f32>,
-    // What a step in z is worth in the unit of the mode.
-    scale: f32,
-    // z at which it ends.
-    end: f32,
-}
-
-struct Walked {
-    sum: vec4<f32>,
-    found: bool,
-}
 
 fn record(t: u32, k: u32) -> vec4<u32> {
     let i = t * 8u + k;
@@ -79,13 +45,16 @@ fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
     return params.scalar.x * s + params.scalar.y;
 }
 
-// The light on the ray between two depths in tet t: that of the gradient in the middle.
-fn shade_between(t: u32, ray: Ray, z0: f32, z1: f32) -> vec2<f32> {
-    if !LIT {
-        return vec2(1.0, 0.0);
+// The place on the ray at z in tet t.
+fn spot_at(t: u32, ray: Ray, z: f32) -> Spot {
+    var spot: Spot;
+    spot.z = z;
+    spot.s = scalar_at(t, ray, z);
+    if !LIT && !RESTING {
+        return spot;
     }
     let ids = textureLoad(tets, at(t), 0);
-    let x = ray.foot + 0.5 * (z0 + z1) * ray.run;
+    let x = ray.foot + z * ray.run;
     var p: array<vec3<f32>, 4>;
     for (var k = 0u; k < 4u; k++) {
         p[k] = textureLoad(positions, at(ids[k]), 0).xyz - x;
@@ -99,31 +68,33 @@ fn shade_between(t: u32, ray: Ray, z0: f32, z1: f32) -> vec2<f32> {
     );
     let whole = w.x + w.y + w.z + w.w;
     w = clamp(w / select(whole, 1e-30, abs(whole) < 1e-30), vec4(0.0), vec4(1.0));
-    var gradient = vec3(0.0);
+    w /= max(w.x + w.y + w.z + w.w, 1e-30);
     for (var k = 0u; k < 4u; k++) {
-        gradient += w[k] * textureLoad(gradients, at(ids[k]), 0).xyz;
+        if LIT {
+            spot.gradient += w[k] * textureLoad(gradients, at(ids[k]), 0).xyz;
+        }
+        if RESTING {
+            spot.rest += w[k] * textureLoad(rests, at(ids[k]), 0).xyz;
+        }
     }
-    return shade(params, gradient / max(w.x + w.y + w.z + w.w, 1e-30), normalize(ray.run));
+    return spot;
 }
 
 fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var sum = before;
     // 4 tet + the face come in by.
-    var here = code;
+    var at_face = code;
     let entry = plane(code >> 2u, code & 3u);
     let slant = dot(entry.xyz, ray.run);
-    var z = (entry.w - dot(entry.xyz, ray.foot)) / select(slant, -1e-12, abs(slant) < 1e-12);
-    if BACKWARDS {
-        z = max(z, params.near);
-    }
-    var s = scalar_at(code >> 2u, ray, z);
+    let start = (entry.w - dot(entry.xyz, ray.foot)) / select(slant, -1e-12, abs(slant) < 1e-12);
+    var here = spot_at(code >> 2u, ray, select(start, max(start, params.near), BACKWARDS));
     var mark = NONE;
     var steps = 0u;
     var dead = false;
     var last = code >> 2u;
     loop {
-        let t = here >> 2u;
-        if here == NONE || t == mark || steps >= params.cap || is_opaque(sum) {
+        let t = at_face >> 2u;
+        if at_face == NONE || t == mark || steps >= params.cap || is_opaque(sum) {
             break;
         }
         // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
@@ -133,9 +104,9 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         steps += 1u;
         last = t;
         if CELLS {
-            s = scalar_at(t, ray, z);
+            here.s = scalar_at(t, ray, here.z);
         }
-        let k = vec3(here + 1u, here + 2u, here + 3u) & vec3(3u);
+        let k = vec3(at_face + 1u, at_face + 2u, at_face + 3u) & vec3(3u);
         let p0 = plane(t, k.x);
         let p1 = plane(t, k.y);
         let p2 = plane(t, k.z);
@@ -153,12 +124,10 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
                 dead = true;
                 break;
             }
-            next_z = min(next_z, z);
+            next_z = min(next_z, here.z);
             if next_z < params.near {
-                next_z = min(z, params.near);
-                let near_s = scalar_at(t, ray, next_z);
-                sum = gather_in_front(sum, Segment(vec2(near_s, s), (z - next_z) * ray.scale, shade_between(t, ray, next_z, z)));
-                return Walked(begun(sum), true);
+                let near = spot_at(t, ray, min(here.z, params.near));
+                return Walked(begun(on_segment(sum, Segment(near, here, t), ray)), true);
             }
         } else {
             let leave = select(vec3(1e30), heights / slants, slants > vec3(0.0));
@@ -169,84 +138,30 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
                 dead = true;
                 break;
             }
-            next_z = max(next_z, z);
+            next_z = max(next_z, here.z);
             if OCCLUDED && next_z > ray.end {
-                next_z = max(z, ray.end);
-                sum = gather(sum, Segment(vec2(s, scalar_at(t, ray, next_z)), (next_z - z) * ray.scale, shade_between(t, ray, z, next_z)));
-                return Walked(sum, true);
+                let end = spot_at(t, ray, max(here.z, ray.end));
+                return Walked(on_segment(sum, Segment(here, end, t), ray), true);
             }
         }
-        let next_s = scalar_at(t, ray, next_z);
-        let light = shade_between(t, ray, z, next_z);
+        let next = spot_at(t, ray, next_z);
         if BACKWARDS {
-            sum = gather_in_front(sum, Segment(vec2(next_s, s), (z - next_z) * ray.scale, light));
+            sum = on_segment(sum, Segment(next, here, t), ray);
         } else {
-            sum = gather(sum, Segment(vec2(s, next_s), (next_z - z) * ray.scale, light));
+            sum = on_segment(sum, Segment(here, next, t), ray);
         }
-        here = record(t, 6u)[exit];
-        s = next_s;
-        z = next_z;
+        at_face = record(t, 6u)[exit];
+        here = next;
     }
     if is_opaque(sum) {
         return Walked(sum, true);
     }
     // It must have come out at a point of the tet it was in last.
-    let end = ray.foot + z * ray.run;
+    let end = ray.foot + here.z * ray.run;
     var outside = 0.0;
     for (var k = 0u; k < 4u; k++) {
         let p = plane(last, k);
         outside = max(outside, dot(p.xyz, end) - p.w);
     }
-    return Walked(sum, !dead && here == NONE && outside < STRAY);
-}
-
-// Walks again along slightly other rays when a ray ends nowhere, as one may that lies exactly in a
-// face; counts it as lost when they do as well.
-fn walk_safely(code: u32, ray: Ray, before: vec4<f32>) -> vec4<f32> {
-    var along = ray;
-    var walked = Walked(before, false);
-    for (var attempt = 0u; attempt < 4u && !walked.found; attempt++) {
-        walked = walk(code, along, before);
-        along.foot += 1.7e-6 * params.right.xyz - 1.1e-6 * params.up.xyz;
-    }
-    if !walked.found {
-        atomicAdd(&lost[0], 1u);
-    }
-    return walked.sum;
-}
-
-@fragment
-fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    let pixel = vec2<u32>(position.xy);
-    let start = textureLoad(starts, pixel, 0).xy;
-    var sum = vec4(0.0);
-    var starting = start.y != NONE;
-    if BACKWARDS {
-        // The eye is inside where the nearest face of all shows its back.
-        let front = textureLoad(fronts, pixel, 0).xy;
-        starting = starting && (front.y == NONE || bitcast<f32>(start.x) >= bitcast<f32>(front.x));
-    } else {
-        sum = textureLoad(gathered, pixel, 0);
-        starting = starting && !is_opaque(sum);
-    }
-    let sight = sight_at(params, position.xy);
-    let slope = sight.slope;
-    let origin = sight.origin - vec2(params.right.w, params.up.w);
-    let length = sqrt(1.0 + dot(slope, slope));
-    var ray: Ray;
-    ray.foot = origin.x * params.right.xyz + origin.y * params.up.xyz - params.forward.w * params.forward.xyz;
-    ray.run = slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz;
-    ray.scale = length * select(params.unit, params.opacity, MODE == COMPOSITE);
-    ray.end = 3e38;
-    if OCCLUDED {
-        ray.end = z_of_depth(params, textureLoad(occluder, pixel, 0));
-        starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < ray.end);
-    }
-    if starting {
-        if !BACKWARDS {
-            sum = begun(sum);
-        }
-        sum = walk_safely(start.y, ray, sum);
-    }
-    return sum;
+    return Walked(sum, !dead && at_face == NONE && outside < STRAY);
 }

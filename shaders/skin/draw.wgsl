@@ -1,8 +1,9 @@
-// A skin drawn from where its nodes are now; both sides are lit.
+// A skin drawn from where its nodes are now, as far as clip planes leave it; both sides are lit.
 
 #import lib/skin
 #import lib/view
 #import lib/light
+#import lib/clip
 
 // Whether there is a tangent-space normal map.
 override NORMAL_MAP: bool = false;
@@ -39,6 +40,9 @@ struct Corner {
     @location(2) tangent: vec4<f32>,
     @location(3) colour: vec3<f32>,
     @location(4) uv: vec2<f32>,
+    // In the local frame, now and at rest.
+    @location(5) local: vec3<f32>,
+    @location(6) rest: vec3<f32>,
 }
 
 fn turned(v: vec3<f32>) -> vec3<f32> {
@@ -50,6 +54,10 @@ fn turned(v: vec3<f32>) -> vec3<f32> {
 fn vertex(@builtin(vertex_index) index: u32) -> Corner {
     let v = placed(index);
     let q = to_camera(params.view, v.position);
+    var rest = v.position;
+    if RESTING {
+        rest = textureLoad(rests, at(index), 0).xyz;
+    }
     return Corner(
         to_clip(params.view, q),
         q,
@@ -57,6 +65,8 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
         vec4(turned(v.tangent.xyz), v.tangent.w),
         textureLoad(colours, at(index), 0).rgb,
         textureLoad(uvs, at(index), 0).xy,
+        v.position,
+        rest,
     );
 }
 
@@ -92,6 +102,9 @@ fn sunk(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
 
 @fragment
 fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
+    if CLIPS > 0u && cut_off(corner.local, corner.rest) {
+        discard;
+    }
     let pixel = vec2<u32>(corner.position.xy);
     if PEELED && corner.position.z >= textureLoad(nearer, pixel, 0) {
         discard;

@@ -2,8 +2,8 @@
 
 use clap::Args;
 use palpate::physics::{EngineChoice, MaterialModel, VolumeModel};
-use palpate::render::Light;
-use palpate::scene::{Scene, Unit};
+use palpate::render::{Isosurface, Light};
+use palpate::scene::{IsosurfaceEntry, PlaneEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -42,6 +42,37 @@ pub struct SceneFlags {
         allow_hyphen_values = true
     )]
     pub light: Option<Light>,
+    /// Cuts off what lies beyond a plane: a point and the normal, x,y,z,nx,ny,nz, in the mesh's
+    /// units; may be given more than once
+    #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
+    pub clip: Vec<Six>,
+    /// The same, of a plane given in the body at rest: the cut bends with it
+    #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
+    pub clip_rest: Vec<Six>,
+    /// Cuts off what lies outside of a box: two corners, x,y,z,x,y,z
+    #[arg(long, value_name = "BOX", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
+    pub clip_box: Vec<Six>,
+    /// The same, of a box given in the body at rest
+    #[arg(long, value_name = "BOX", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
+    pub clip_box_rest: Vec<Six>,
+    /// Shows the field where a plane x,y,z,nx,ny,nz meets the body
+    #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
+    pub slice: Vec<Six>,
+    /// The same, of a plane given in the body at rest
+    #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
+    pub slice_rest: Vec<Six>,
+    /// Surface on which the field has a value: VALUE[,COLOUR[,OPACITY]], such as 0.5,tomato,0.6;
+    /// may be given more than once
+    #[arg(
+        long,
+        value_name = "ISO",
+        help_heading = "Inside",
+        allow_hyphen_values = true
+    )]
+    pub iso: Vec<Isosurface>,
+    /// Draws slices and isosurfaces alone, without the volume
+    #[arg(long, help_heading = "Inside")]
+    pub no_volume: bool,
     /// Root mean square error the picture may have, in 1/255: the cheapest settings measured to
     /// keep to it are taken [default: 0.5]
     #[arg(long, value_name = "TOLERANCE", help_heading = "Picture")]
@@ -179,6 +210,7 @@ impl SceneFlags {
         over(given.walk, &mut scene.picture.walk);
         over(given.background, &mut scene.picture.background);
         over(given.light, &mut scene.light.from);
+        self.add_inside(&mut scene);
         over(given.quality, &mut scene.picture.quality);
         over(given.layers, &mut scene.picture.layers);
         over(given.bits, &mut scene.picture.bits);
@@ -229,6 +261,47 @@ impl SceneFlags {
     }
 }
 
+impl SceneFlags {
+    /// Adds planes and isosurfaces to those of the scene.
+    fn add_inside(&self, scene: &mut Scene) {
+        let mut add = |given: &[Six], rest: bool, put: fn(&mut PlaneEntry, [f64; 6])| {
+            for six in given {
+                let mut entry = PlaneEntry {
+                    rest,
+                    ..PlaneEntry::default()
+                };
+                put(&mut entry, six.0);
+                scene.plane.push(entry);
+            }
+        };
+        let clip: fn(&mut PlaneEntry, [f64; 6]) = |entry, six| entry.clip = Some(six);
+        let around: fn(&mut PlaneEntry, [f64; 6]) = |entry, six| entry.around = Some(six);
+        let slice: fn(&mut PlaneEntry, [f64; 6]) = |entry, six| entry.slice = Some(six);
+        add(&self.clip, false, clip);
+        add(&self.clip_rest, true, clip);
+        add(&self.clip_box, false, around);
+        add(&self.clip_box_rest, true, around);
+        add(&self.slice, false, slice);
+        add(&self.slice_rest, true, slice);
+        let surfaces = self.iso.iter().map(|iso| IsosurfaceEntry {
+            value: iso.value,
+            colour: iso.colour.map(hex),
+            opacity: Some(iso.opacity),
+        });
+        scene.isosurface.extend(surfaces);
+        if self.no_volume {
+            scene.picture.volume = Some(false);
+        }
+    }
+}
+
+/// `#rrggbb`.
+fn hex(colour: [f64; 3]) -> String {
+    let byte = |x: f64| (255.0 * x).round() as u8;
+    let [r, g, b] = colour.map(byte);
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
 fn over<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
@@ -259,6 +332,21 @@ fn triple(text: &str) -> Result<Triple, String> {
     match <[f64; 3]>::try_from(numbers) {
         Ok(three) if three.iter().all(|x| x.is_finite()) => Ok(Triple(three)),
         _ => Err("three finite numbers x,y,z are expected".into()),
+    }
+}
+
+/// Six numbers separated by commas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Six(pub [f64; 6]);
+
+fn six(text: &str) -> Result<Six, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.ok().map(<[f64; 6]>::try_from) {
+        Some(Ok(six)) if six.iter().all(|x| x.is_finite()) => Ok(Six(six)),
+        _ => Err(
+            "six finite numbers are expected: x,y,z,nx,ny,nz of a plane, x,y,z,x,y,z of a box"
+                .into(),
+        ),
     }
 }
 

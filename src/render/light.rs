@@ -169,6 +169,16 @@ pub fn node_gradients(
 /// How bright a gradient is to a ray that goes along `ray`, a unit vector: the factor on colours,
 /// and what is added to them in proportion to opacity (Blinn 1977, after Phong).
 pub fn shade(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
+    let steep = gradient.length();
+    shade_by(light, gradient, ray, steep / (steep + FAINT))
+}
+
+/// The same of a surface that the gradient stands on, however steep it is.
+pub fn shade_surface(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
+    shade_by(light, gradient, ray, 1.0)
+}
+
+fn shade_by(light: Light, gradient: DVec3, ray: DVec3, weight: f64) -> [f64; 2] {
     let towards = match light {
         Light::None => return [1.0, 0.0],
         Light::Head => -ray,
@@ -179,7 +189,6 @@ pub fn shade(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
         return [1.0, 0.0];
     }
     let n = gradient / steep;
-    let weight = steep / (steep + FAINT);
     let facing = n.dot((towards - ray).normalize_or_zero()).abs();
     let diffuse = AMBIENT + DIFFUSE * n.dot(towards).abs();
     [

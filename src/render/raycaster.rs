@@ -8,13 +8,14 @@
 
 use super::geometry::Geometry;
 use super::image::Image;
+use super::inside::{Inside, colours};
 use super::peel::{Peel, SUM, Walks, attachment};
 use super::raycast_options::{Gathered, Mode, RaycastOptions, Target, Walk};
 use super::table::{Table, Wanted};
 use super::tiles::{check_size, draw_in_tiles};
 use super::view::{LocalView, View, Window};
 use super::{Camera, ResolvedTransfer, TransferFunction};
-use crate::gpu::{Draw, Gpu, Recorder};
+use crate::gpu::{Array, Draw, Gpu, Recorder};
 use crate::{Error, Result};
 use std::collections::HashMap;
 
@@ -40,6 +41,9 @@ pub struct Raycaster {
     pub(super) options: RaycastOptions,
     transfer: TransferFunction,
     pub(super) table: Table,
+    inside: Inside,
+    /// Planes and isosurfaces, and colours, as walks read them.
+    inside_items: [Array; 2],
     pub(super) sampler: wgpu::Sampler,
     pub(super) lost: wgpu::Buffer,
     nothing_opaque: wgpu::TextureView,
@@ -80,6 +84,8 @@ impl Raycaster {
         options.check(gpu)?;
         let table = make_table(gpu, &geometry, transfer, &options)?;
         let range = geometry.range;
+        let inside = Inside::default();
+        let inside_items = inside_items(gpu, &geometry, transfer, &table, &inside)?;
         let sampler = gpu.device().create_sampler(&wgpu::SamplerDescriptor {
             label: Some("table"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -93,6 +99,8 @@ impl Raycaster {
             options,
             transfer: transfer.clone(),
             table,
+            inside,
+            inside_items,
             sampler,
             lost: gpu.buffer("lost rays", 4)?,
             nothing_opaque: gpu.target(
@@ -127,7 +135,10 @@ impl Raycaster {
     /// # Errors
     /// As [`Raycaster::new`].
     pub fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
-        self.table = make_table(&self.gpu, &self.geometry, transfer, &self.options)?;
+        let table = make_table(&self.gpu, &self.geometry, transfer, &self.options)?;
+        self.inside_items =
+            inside_items(&self.gpu, &self.geometry, transfer, &table, &self.inside)?;
+        self.table = table;
         self.range = self.geometry.range;
         self.transfer = transfer.clone();
         if let Some(frame) = &mut self.frame {
@@ -146,6 +157,46 @@ impl Raycaster {
             true => Ok(()),
             false => self.set_transfer(&self.transfer.clone()),
         }
+    }
+
+    /// Draws with these planes and isosurfaces from now on. Planes given in the body at rest need a
+    /// geometry that remembers it ([`Geometry::remember_rest`]), isosurfaces scalars at the nodes;
+    /// they are lit where there is light.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for numbers that make no sense, too many of them, or a geometry that is not
+    /// ready; the old ones stay.
+    pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
+        inside.check()?;
+        if inside.needs_rest() && self.geometry.rests().is_none() {
+            return Err(Error::Input(
+                "the geometry does not know where it rests; call Geometry::remember_rest first"
+                    .into(),
+            ));
+        }
+        if !inside.isosurfaces.is_empty() && self.geometry.per_cell {
+            return Err(Error::Input(
+                "isosurfaces need a field at the nodes: one that is constant in each tet has none"
+                    .into(),
+            ));
+        }
+        self.inside_items = inside_items(
+            &self.gpu,
+            &self.geometry,
+            &self.transfer,
+            &self.table,
+            inside,
+        )?;
+        self.inside = inside.clone();
+        if let Some(frame) = &mut self.frame {
+            frame.walks.clear();
+        }
+        Ok(())
+    }
+
+    /// The planes and isosurfaces it draws with.
+    pub fn inside(&self) -> &Inside {
+        &self.inside
     }
 
     /// How it draws.
@@ -169,7 +220,15 @@ impl Raycaster {
     /// As [`Raycaster::with_options`]; the old ones stay.
     pub fn set_options(&mut self, options: RaycastOptions) -> Result<()> {
         options.check(&self.gpu)?;
-        self.table = make_table(&self.gpu, &self.geometry, &self.transfer, &options)?;
+        let table = make_table(&self.gpu, &self.geometry, &self.transfer, &options)?;
+        self.inside_items = inside_items(
+            &self.gpu,
+            &self.geometry,
+            &self.transfer,
+            &table,
+            &self.inside,
+        )?;
+        self.table = table;
         self.range = self.geometry.range;
         self.options = options;
         self.frame = None;
@@ -424,9 +483,18 @@ impl Raycaster {
                     .read(&geometry.tets)
                     .read(&geometry.positions),
             };
+            let [clips, slices, isosurfaces] = self.inside.counts().map(|n| n as f64);
+            let resting = self.inside.needs_rest();
+            let [inside, colours] = &self.inside_items;
+            let rests = geometry.rests().filter(|_| resting).unwrap_or(inside);
             builder
                 .read(gradients)
                 .constant("LIT", flag(lit))
+                .constant("CLIPS", clips)
+                .constant("SLICES", slices)
+                .constant("ISOS", isosurfaces)
+                .constant("RESTING", flag(resting))
+                .constant("VOLUME", flag(self.inside.volume))
                 .constant("CELLS", flag(geometry.per_cell))
                 .constant("MODE", gathered.code())
                 .constant("TABLE", self.options.table.code())
@@ -442,6 +510,9 @@ impl Raycaster {
                 .read(&self.sampler)
                 .write(&self.lost)
                 .params(view)
+                .read(inside)
+                .read(colours)
+                .read(rests)
                 .target(SUM, None)
                 .prepare()
         };
@@ -482,6 +553,24 @@ impl Raycaster {
             ..LocalView::new(camera, &geometry.frame, window).to_gpu()
         }
     }
+}
+
+/// What walks read of planes, isosurfaces and colours.
+fn inside_items(
+    gpu: &Gpu,
+    geometry: &Geometry,
+    transfer: &TransferFunction,
+    table: &Table,
+    inside: &Inside,
+) -> Result<[Array; 2]> {
+    let (low, high) = geometry.range;
+    let [scale, shift] = table.scalar().map(f64::from);
+    let coordinate = |s: f64| scale * (s - low) / (high - low) + shift;
+    let resolved = transfer.resolved(geometry.range, geometry.frame.scale);
+    Ok([
+        inside.to_gpu(gpu, geometry.frame, coordinate)?,
+        colours(gpu, &resolved, geometry.range)?,
+    ])
 }
 
 fn make_table(

@@ -2,11 +2,13 @@
 
 use super::geometry::Geometry;
 use super::image::Image;
+use super::inside::Inside;
 use super::peel::attachment;
 use super::tiles::draw_in_tiles;
 use super::view::{LocalView, View, Window};
 use super::{Camera, TransferFunction};
 use crate::gpu::{Array, Draw, Gpu, Pass, Recorder, Texel};
+use crate::mesh::LocalFrame;
 use crate::{Error, Result};
 use std::collections::HashMap;
 
@@ -51,7 +53,7 @@ pub struct SurfaceTarget<'a> {
 /// Draws the boundary of a [`Geometry`].
 pub struct Surface {
     gpu: Gpu,
-    frame: crate::mesh::LocalFrame,
+    frame: LocalFrame,
     corners: u32,
     nodes: u32,
     positions: Array,
@@ -62,8 +64,46 @@ pub struct Surface {
     colours: Array,
     colour: SurfaceColour,
     shading: Shading,
+    /// What planes leave of it.
+    clips: Clips,
     refresh: Pass,
     draws: HashMap<wgpu::TextureFormat, Draw>,
+}
+
+/// Clip planes as shaders read them, and where the nodes rest, if any is given there.
+#[derive(Clone)]
+pub(crate) struct Clips {
+    pub count: usize,
+    pub planes: Array,
+    pub rests: Option<Array>,
+}
+
+impl Clips {
+    /// Those of `inside`, in `frame`; `rests` gives where nodes or vertices rest.
+    pub fn new(
+        gpu: &Gpu,
+        inside: &Inside,
+        frame: LocalFrame,
+        rests: impl FnOnce() -> Result<Array>,
+    ) -> Result<Clips> {
+        inside.check()?;
+        let at_rest = inside.clips().any(|p| p.at_rest);
+        Ok(Clips {
+            count: inside.clips().count(),
+            planes: inside.to_gpu(gpu, frame, |s| s)?,
+            rests: at_rest.then(rests).transpose()?,
+        })
+    }
+
+    /// Where nodes rest; anything of the kind, where no plane asks.
+    pub fn rests(&self) -> &Array {
+        self.rests.as_ref().unwrap_or(&self.planes)
+    }
+
+    /// As the shaders' overrides: the number of planes, and whether any is given at rest.
+    pub fn constants(&self) -> [f64; 2] {
+        [self.count as f64, f64::from(u8::from(self.rests.is_some()))]
+    }
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -102,9 +142,22 @@ impl Surface {
             colours: gpu.roomy_array_of("colours", Texel::F32x4, &colours)?,
             colour: colour.clone(),
             shading,
+            clips: clips(gpu, &Inside::default(), geometry)?,
             refresh,
             draws: HashMap::new(),
         })
+    }
+
+    /// Draws from now on what the clip planes of `inside` leave of it; the cut faces are for a
+    /// [`Raycaster`](super::Raycaster) to draw.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for numbers that make no sense, or a plane given at rest where `geometry`
+    /// does not remember that.
+    pub fn set_inside(&mut self, inside: &Inside, geometry: &Geometry) -> Result<()> {
+        self.clips = clips(&self.gpu, inside, geometry)?;
+        self.draws.clear();
+        Ok(())
     }
 
     /// Takes over what a cut has made of `geometry`, after that has followed it. Of `scalars` only
@@ -137,6 +190,10 @@ impl Surface {
         self.boundary = geometry.boundary.clone();
         self.corners = geometry.corners();
         self.nodes = nodes as u32;
+        if let Some(rests) = &mut self.clips.rests {
+            *rests = geometry.rests().unwrap_or(rests).clone();
+            replaced = true;
+        }
         if replaced {
             self.draws.clear();
         }
@@ -203,7 +260,7 @@ impl Surface {
         })
     }
 
-    fn record_window(
+    pub(crate) fn record_window(
         &mut self,
         work: &mut Recorder,
         camera: &Camera,
@@ -252,18 +309,34 @@ impl Surface {
 
     fn draw(&self, format: wgpu::TextureFormat, view: &View) -> Result<Draw> {
         let smooth = self.shading == Shading::Smooth;
+        let [clips, resting] = self.clips.constants();
         self.gpu
             .draw("render/surface")
             .constant("SMOOTH", f64::from(u8::from(smooth)))
+            .constant("CLIPS", clips)
+            .constant("RESTING", resting)
             .read(&self.positions)
             .read(&self.boundary)
             .read(&self.normals)
             .read(&self.colours)
             .params(view)
+            .read(&self.clips.planes)
+            .read(self.clips.rests())
             .target(format, None)
             .depth(DEPTH, wgpu::CompareFunction::Greater, true)
             .prepare()
     }
+}
+
+fn clips(gpu: &Gpu, inside: &Inside, geometry: &Geometry) -> Result<Clips> {
+    Clips::new(gpu, inside, geometry.frame, || {
+        geometry.rests().cloned().ok_or_else(|| {
+            Error::Input(
+                "the geometry does not know where it rests; call Geometry::remember_rest first"
+                    .into(),
+            )
+        })
+    })
 }
 
 fn refresh_pass(

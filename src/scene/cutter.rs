@@ -134,6 +134,7 @@ impl Stage {
                 let mut walls = Skin::bare(&self.gpu, &carrier, Some(&walls))?;
                 let colour = self.scene.skin[0].wall.unwrap_or(WALL);
                 walls.set_colour(&SkinColour::Plain(colour))?;
+                walls.set_inside(self.raycaster.inside())?;
                 self.skins.push(walls);
             }
         }

@@ -82,6 +82,11 @@ impl Stage {
                 self.composer.image(skins, inside, &self.camera, self.size)
             }
             DisplayMode::Inside(mode) => self.raycaster.image(&self.camera, self.size, mode),
+            DisplayMode::Surface if self.raycaster.inside().shows_surfaces() => {
+                let (surface, inside) = (&mut self.surface, &mut self.raycaster);
+                self.composer
+                    .boundary_image(surface, inside, &self.camera, self.size)
+            }
             DisplayMode::Surface => self.surface.image(&self.camera, self.size),
             DisplayMode::Skin => {
                 let skins = &mut self.skins;
@@ -112,6 +117,11 @@ impl Stage {
                 self.composer.record(work, skins, inside, camera, &target)
             }
             DisplayMode::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
+            DisplayMode::Surface if self.raycaster.inside().shows_surfaces() => {
+                let (surface, inside) = (&mut self.surface, &mut self.raycaster);
+                self.composer
+                    .record_boundary(work, surface, inside, camera, &target)
+            }
             DisplayMode::Surface => {
                 let depth = self.depth_for(colour)?;
                 let target = SurfaceTarget {

@@ -129,6 +129,12 @@ pub struct Scene {
     /// The light on the inside.
     #[serde(default)]
     pub light: LightEntry,
+    /// Planes through the volume.
+    #[serde(default)]
+    pub plane: Vec<PlaneEntry>,
+    /// Surfaces of one value.
+    #[serde(default)]
+    pub isosurface: Vec<IsosurfaceEntry>,
     /// The picture.
     #[serde(default)]
     pub picture: PictureEntry,

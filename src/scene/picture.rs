@@ -48,10 +48,12 @@ impl Scene {
             true => SurfaceColour::Field(transfer.clone()),
             false => SurfaceColour::Plain(SKIN_COLOUR),
         };
-        let surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
+        let mut surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
         let mut options = self.options()?;
         let composite = DisplayMode::Inside(Mode::Composite);
-        if self.display_mode()? != composite {
+        let mode = self.display_mode()?;
+        let with_isosurfaces = mode == DisplayMode::Surface && !self.isosurface.is_empty();
+        if mode != composite && !with_isosurfaces {
             options.light = Light::None;
         }
         if options.light.is_on()
@@ -60,8 +62,57 @@ impl Scene {
             notes.push(format!("drawn without light: {why}"));
             options.light = Light::None;
         }
-        let raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
+        let inside = self.inside(mode, notes)?;
+        if inside.needs_rest() {
+            geometry.remember_rest(mesh)?;
+        }
+        if mode == DisplayMode::Surface {
+            surface.set_inside(&inside, &geometry)?;
+        }
+        let mut raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
+        raycaster.set_inside(&inside)?;
         Ok((raycaster, surface))
+    }
+
+    /// The planes and isosurfaces of the picture. The lit boundary has its cut faces for a volume.
+    fn inside(&self, mode: DisplayMode, notes: &mut Vec<String>) -> Result<Inside> {
+        let mut inside = Inside {
+            volume: self.picture.volume.unwrap_or(true),
+            ..Inside::default()
+        };
+        for entry in &self.plane {
+            inside.planes.extend(entry.planes()?);
+        }
+        for entry in &self.isosurface {
+            inside.isosurfaces.push(entry.isosurface()?);
+        }
+        inside.check()?;
+        let surfaces = inside.isosurfaces.len() + inside.planes.len() - inside.clips().count();
+        match mode {
+            DisplayMode::Inside(Mode::Composite) => {
+                if !inside.volume && surfaces == 0 {
+                    return Err(Error::Input(
+                        "nothing is left to draw: volume = false (--no-volume) goes with slices or isosurfaces"
+                            .into(),
+                    ));
+                }
+            }
+            DisplayMode::Surface => {
+                let cut: Vec<Plane> = inside.clips().copied().collect();
+                let faces = cut.into_iter().map(|clip| Plane {
+                    kind: PlaneKind::Slice(1.0),
+                    ..clip
+                });
+                inside.planes.extend(faces);
+                inside.volume = false;
+            }
+            _ if surfaces > 0 => notes.push(
+                "slices and isosurfaces are drawn in mode composite or surface; they are passed over"
+                    .into(),
+            ),
+            _ => {}
+        }
+        Ok(inside)
     }
 
     /// The scene's transfer function, or what suits `seen`.

@@ -207,7 +207,8 @@ impl Stage {
         if !scene.skin.is_empty() {
             let carrier = carrier(gpu, &mut stage.drive)?;
             for entry in &scene.skin {
-                let (skin, notes) = entry.put_on(gpu, &carrier)?;
+                let (mut skin, notes) = entry.put_on(gpu, &carrier)?;
+                skin.set_inside(stage.raycaster.inside())?;
                 stage.skins.push(skin);
                 stage.notes.extend(notes);
             }

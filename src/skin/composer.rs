@@ -1,4 +1,4 @@
-//! Skins and a volume in one picture, each at its place.
+//! Skins, the boundary and a volume in one picture, each at its place.
 //!
 //! Opaque skins end the rays of the volume. Translucent ones are peeled layer by layer, from the
 //! eye on; the volume is drawn once more up to each layer, and what it adds between two of them is
@@ -7,7 +7,7 @@
 use super::draw::{How, Skin};
 use crate::gpu::{Draw, Gpu, Recorder};
 use crate::render::{
-    Camera, Image, Mode, Raycaster, SurfaceTarget, Target, Window, attachment, averaged,
+    Camera, Image, Mode, Raycaster, Surface, SurfaceTarget, Target, Window, attachment, averaged,
     draw_in_tiles,
 };
 use crate::{Error, Result};
@@ -35,6 +35,23 @@ impl Default for ComposeOptions {
         ComposeOptions {
             layers: 4,
             samples: 2,
+        }
+    }
+}
+
+/// What is drawn into one picture.
+struct Drawn<'a> {
+    boundary: Option<&'a mut Surface>,
+    skins: &'a mut [Skin],
+    raycaster: Option<&'a mut Raycaster>,
+}
+
+impl Drawn<'_> {
+    fn again(&mut self) -> Drawn<'_> {
+        Drawn {
+            boundary: self.boundary.as_deref_mut(),
+            skins: self.skins,
+            raycaster: self.raycaster.as_deref_mut(),
         }
     }
 }
@@ -99,7 +116,55 @@ impl Composer {
     ) -> Result<()> {
         let texture = target.colour.texture();
         let window = Window::whole([texture.width(), texture.height()]);
-        self.record_window(work, skins, raycaster, camera, target, window)
+        let scene = Drawn {
+            boundary: None,
+            skins,
+            raycaster,
+        };
+        self.record_window(work, scene, camera, target, window)
+    }
+
+    /// As [`Composer::record`], of the lit boundary and of what `raycaster` draws of slices,
+    /// isosurfaces and cut faces.
+    ///
+    /// # Errors
+    /// As [`Composer::record`].
+    pub fn record_boundary(
+        &mut self,
+        work: &mut Recorder,
+        boundary: &mut Surface,
+        raycaster: &mut Raycaster,
+        camera: &Camera,
+        target: &Target,
+    ) -> Result<()> {
+        let texture = target.colour.texture();
+        let window = Window::whole([texture.width(), texture.height()]);
+        let scene = Drawn {
+            boundary: Some(boundary),
+            skins: &mut [],
+            raycaster: Some(raycaster),
+        };
+        self.record_window(work, scene, camera, target, window)
+    }
+
+    /// The picture of [`Composer::record_boundary`], of `size` pixels, on nothing. Waits and reads
+    /// back.
+    ///
+    /// # Errors
+    /// As [`Composer::record`].
+    pub fn boundary_image(
+        &mut self,
+        boundary: &mut Surface,
+        raycaster: &mut Raycaster,
+        camera: &Camera,
+        size: [u32; 2],
+    ) -> Result<Image> {
+        let scene = Drawn {
+            boundary: Some(boundary),
+            skins: &mut [],
+            raycaster: Some(raycaster),
+        };
+        self.image_of(scene, camera, size)
     }
 
     /// The picture of `camera`, of `size` pixels, on nothing. Waits and reads back.
@@ -109,10 +174,19 @@ impl Composer {
     pub fn image(
         &mut self,
         skins: &mut [Skin],
-        mut raycaster: Option<&mut Raycaster>,
+        raycaster: Option<&mut Raycaster>,
         camera: &Camera,
         size: [u32; 2],
     ) -> Result<Image> {
+        let scene = Drawn {
+            boundary: None,
+            skins,
+            raycaster,
+        };
+        self.image_of(scene, camera, size)
+    }
+
+    fn image_of(&mut self, mut scene: Drawn, camera: &Camera, size: [u32; 2]) -> Result<Image> {
         let gpu = self.gpu.clone();
         let samples = self.options.samples;
         let fine = size.map(|n| n.saturating_mul(samples));
@@ -123,8 +197,7 @@ impl Composer {
                 background: Some([0.0; 4]),
             };
             let mut work = gpu.record();
-            let raycaster = raycaster.as_deref_mut();
-            self.record_window(&mut work, skins, raycaster, camera, &target, window)?;
+            self.record_window(&mut work, scene.again(), camera, &target, window)?;
             work.submit()
         })?;
         Ok(Image {
@@ -137,13 +210,17 @@ impl Composer {
     fn record_window(
         &mut self,
         work: &mut Recorder,
-        skins: &mut [Skin],
-        mut raycaster: Option<&mut Raycaster>,
+        scene: Drawn,
         camera: &Camera,
         target: &Target,
         window: Window,
     ) -> Result<()> {
         camera.check()?;
+        let Drawn {
+            boundary,
+            skins,
+            mut raycaster,
+        } = scene;
         let volume_frame = raycaster.as_ref().map(|r| r.geometry().frame());
         let mut frames = skins
             .iter()
@@ -163,6 +240,14 @@ impl Composer {
         let targets = self.targets.insert(targets);
         let gpu = &self.gpu;
         targets.begin(gpu, work, target.occluder)?;
+        if let Some(boundary) = boundary {
+            let into = SurfaceTarget {
+                colour: &targets.opaque,
+                depth: &targets.opaque_depth,
+                background: None,
+            };
+            boundary.record_window(work, camera, &into, window)?;
+        }
         for skin in skins.iter() {
             skin.carrier().record_normals(work);
         }

@@ -12,8 +12,8 @@ use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
 use crate::physics::Simulator;
 use crate::render::{
-    Camera, Image, LocalView, SurfaceTarget, Window, attachment, averaged, depth_target,
-    draw_in_tiles,
+    Camera, Clips, Image, Inside, LocalView, SurfaceTarget, Window, attachment, averaged,
+    depth_target, draw_in_tiles, local_positions,
 };
 use crate::skin::basis::Bound;
 use crate::{Error, Result};
@@ -61,6 +61,9 @@ pub struct Skin {
     no_map: wgpu::TextureView,
     no_depth: wgpu::TextureView,
     sampler: wgpu::Sampler,
+    /// The planes, and what they leave of it.
+    pub(super) inside: Inside,
+    clips: Clips,
     pub(super) draws: HashMap<Variant, Draw>,
     pub(super) culling: bool,
     /// Made for the present carrier and the triangles shown.
@@ -224,10 +227,29 @@ impl Skin {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
+            inside: Inside::default(),
+            clips: Clips::new(gpu, &Inside::default(), carrier.frame, || {
+                gpu.array("rests of a skin", Texel::F32x4, 1)
+            })?,
             draws: HashMap::new(),
             culling: false,
             cull: None,
         })
+    }
+
+    /// Draws from now on what the clip planes of `inside` leave of it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for numbers that make no sense; [`Error::Gpu`] when the device cannot hold
+    /// where it rests.
+    pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
+        let frame = self.carrier.frame;
+        self.clips = Clips::new(&self.gpu, inside, frame, || {
+            local_positions(&self.gpu, &frame, &self.vertices.positions)
+        })?;
+        self.inside = inside.clone();
+        self.draws.clear();
+        Ok(())
     }
 
     /// What it is and how it was bound.
@@ -408,11 +430,14 @@ impl Skin {
         let flag = |on: bool| f64::from(u8::from(on));
         let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
         let height_map = self.height_map.as_ref().map(|h| &h.0);
+        let [clips, resting] = self.clips.constants();
         self.gpu
             .draw("skin/draw")
             .constant("NORMAL_MAP", flag(self.normal_map.is_some()))
             .constant("HEIGHT_MAP", flag(height_map.is_some()))
             .constant("PEELED", flag(variant.nearer.is_some()))
+            .constant("CLIPS", clips)
+            .constant("RESTING", resting)
             .read(&self.carrier.positions)
             .read(&self.carrier.normals)
             .read(&self.records)
@@ -423,6 +448,8 @@ impl Skin {
             .read(&self.sampler)
             .read(variant.nearer.as_ref().unwrap_or(&self.no_depth))
             .params(params)
+            .read(&self.clips.planes)
+            .read(self.clips.rests())
             .target(variant.format, variant.blended.then_some(over))
             .depth(DEPTH, wgpu::CompareFunction::Greater, !variant.blended)
             .prepare()

@@ -69,9 +69,10 @@ impl Skin {
         self.levels[self.level] = Some(kept);
         self.level = level;
         self.intact = None;
-        self.draws.clear();
         self.cull = None;
-        Ok(())
+        // Planes in the frame of the new body.
+        let inside = self.inside.clone();
+        self.set_inside(&inside)
     }
 
     /// The level that carries it now.

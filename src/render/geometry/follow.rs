@@ -50,7 +50,7 @@ impl Geometry {
             return Ok(());
         }
         let generation = self.generation + 1;
-        let lit = self.gradients.is_some();
+        let (lit, remembers) = (self.gradients.is_some(), self.rests.is_some());
         if cut.removed.is_empty() {
             self.open(mesh, topology, cut, positions, scalars)?;
         } else {
@@ -63,6 +63,9 @@ impl Geometry {
         self.refreshed = None;
         if lit {
             self.make_gradients(mesh, topology, scalars)?;
+        }
+        if remembers {
+            self.remember_rest(mesh)?;
         }
         Ok(())
     }

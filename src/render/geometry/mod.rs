@@ -94,6 +94,8 @@ pub struct Geometry {
     refreshed: Option<u64>,
     /// What light needs, where there is some.
     gradients: Option<Gradients>,
+    /// Where the nodes rest, where somebody asked.
+    rests: Option<Array>,
 }
 
 impl Geometry {
@@ -198,6 +200,7 @@ impl Geometry {
             generation: 0,
             refreshed: None,
             gradients: None,
+            rests: None,
         })
     }
 
@@ -213,6 +216,28 @@ impl Geometry {
         let frame = LocalFrame::of_mesh(mesh);
         let positions = local_positions(gpu, &frame, &mesh.nodes)?;
         Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &positions, scalars)
+    }
+
+    /// Remembers where the nodes of `mesh`, which it was made of, rest: for planes that bend with
+    /// the body. It takes 16 bytes a node.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another mesh; [`Error::Gpu`] when it does not fit the device.
+    pub fn remember_rest(&mut self, mesh: &TetMesh) -> Result<()> {
+        if mesh.nodes.len() != self.projected.len() as usize {
+            return Err(Error::Input(
+                "the rest of a body is that of the mesh that its geometry was made of".into(),
+            ));
+        }
+        self.rests = Some(local_positions(&self.gpu, &self.frame, &mesh.nodes)?);
+        // What was prepared without it is prepared anew.
+        self.generation += 1;
+        Ok(())
+    }
+
+    /// Where the nodes rest, xyz in the local frame, if it remembers.
+    pub(super) fn rests(&self) -> Option<&Array> {
+        self.rests.as_ref()
     }
 
     /// The positions it is drawn at: xyz in the local frame, one item a node. What depends on them

@@ -2,12 +2,14 @@
 
 mod acting;
 mod body;
+mod inside;
 mod load;
 mod output;
 mod picture;
 
 pub use acting::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry};
 pub use body::{All, BodyEntry, GridEntry, LabelsEntry, Lengths, MeshSource, Unit};
+pub use inside::{IsosurfaceEntry, PlaneEntry};
 pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
 pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry};

@@ -65,6 +65,9 @@ pub struct PictureEntry {
     /// ray, grey), `surface`, or `skin`: the skins alone, without the inside.
     #[serde(default, deserialize_with = "words::mode")]
     pub mode: Option<String>,
+    /// Whether the volume itself is drawn beside slices and isosurfaces; it is where nothing is
+    /// said.
+    pub volume: Option<bool>,
     /// `vertices` or `planes`.
     #[serde(default, deserialize_with = "words::walk")]
     pub walk: Option<String>,

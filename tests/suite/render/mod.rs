@@ -10,6 +10,7 @@ mod light;
 mod peeling;
 mod picks;
 mod pictures;
+mod planes;
 mod projections;
 mod recording;
 mod sizes;

@@ -1,0 +1,139 @@
+// Planes and isosurfaces in a volume: what of a segment is kept, and what surfaces it meets. The twin
+// of `render::inside`. Needs what lib/segment does.
+
+// Planes that cut off what lies beyond them, planes that show the scalar, isosurfaces.
+override CLIPS: u32 = 0u;
+override SLICES: u32 = 0u;
+override ISOS: u32 = 0u;
+// Whether any plane is given where the body rests.
+override RESTING: bool = false;
+// Whether there is a volume beside the surfaces.
+override VOLUME: bool = true;
+
+// Colours in `colours`.
+const COLOURS: u32 = 1024u;
+
+// Two texels each: of planes, clips first, n and c of n · x = c, beyond which n points; 1 where the
+// body rests, opacity. Of isosurfaces the table coordinate, opacity and 1 with a colour of its own;
+// that colour.
+@group(0) @binding(13) var inside: texture_2d<f32>;
+// The transfer function's colours, evenly over the range.
+@group(0) @binding(14) var colours: texture_2d<f32>;
+// Where the nodes rest, in the local frame; if RESTING.
+@group(0) @binding(15) var rests: texture_2d<f32>;
+
+// How far a place lies beyond plane k.
+fn beyond(k: u32, spot: Spot, ray: Ray) -> f32 {
+    let plane = textureLoad(inside, at(2u * k), 0);
+    var place = ray.foot + spot.z * ray.run;
+    if RESTING {
+        place = select(place, spot.rest, textureLoad(inside, at(2u * k + 1u), 0).x > 0.5);
+    }
+    return dot(plane.xyz, place) - plane.w;
+}
+
+// The part of a segment that no plane cuts off, from 0 at its front to 1; empty if x >= y.
+fn kept(part: Segment, ray: Ray) -> vec2<f32> {
+    var range = vec2(0.0, 1.0);
+    for (var k = 0u; k < CLIPS; k++) {
+        let front = beyond(k, part.front, ray);
+        let back = beyond(k, part.back, ray);
+        let at_plane = front / select(front - back, 1.0, front == back);
+        if front > 0.0 {
+            range.x = select(2.0, max(range.x, at_plane), back <= 0.0);
+        } else if back > 0.0 {
+            range.y = min(range.y, at_plane);
+        }
+    }
+    return range;
+}
+
+fn part_of(part: Segment, range: vec2<f32>) -> Segment {
+    return Segment(between(part.front, part.back, range.x), between(part.front, part.back, range.y), part.tet);
+}
+
+// A surface that a segment meets: where, and which; 0 for none.
+struct Met {
+    u: f32,
+    which: u32,
+}
+
+// The nearer of two that lies behind `after`, of which surface `which` is met where a linear
+// function of `ends` at front and back is zero.
+fn nearer(best: Met, after: Met, which: u32, ends: vec2<f32>) -> Met {
+    // Whichever segment has a crossing, its neighbours have not: they share an end.
+    if (ends.x < 0.0) == (ends.y < 0.0) {
+        return best;
+    }
+    let u = clamp(ends.x / (ends.x - ends.y), 0.0, 1.0);
+    let behind = u > after.u || (u == after.u && which > after.which);
+    if behind && (u < best.u || (u == best.u && best.which == 0u)) {
+        return Met(u, which);
+    }
+    return best;
+}
+
+fn next_met(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
+    var best = Met(until, 0u);
+    for (var k = 0u; k < SLICES; k++) {
+        let ends = vec2(beyond(CLIPS + k, part.front, ray), beyond(CLIPS + k, part.back, ray));
+        best = nearer(best, after, k + 1u, ends);
+    }
+    for (var k = 0u; k < ISOS; k++) {
+        let s = textureLoad(inside, at(2u * (CLIPS + SLICES + k)), 0).x;
+        best = nearer(best, after, SLICES + k + 1u, vec2(part.front.s, part.back.s) - s);
+    }
+    return best;
+}
+
+// The colour of the transfer function at a table coordinate.
+fn colour_of(s: f32) -> vec3<f32> {
+    let share = clamp((s - params.scalar.y) / params.scalar.x, 0.0, 1.0);
+    let x = share * f32(COLOURS - 1u);
+    let first = min(u32(x), COLOURS - 2u);
+    return mix(textureLoad(colours, at(first), 0).rgb, textureLoad(colours, at(first + 1u), 0).rgb, x - f32(first));
+}
+
+// What a surface looks like, colour premultiplied.
+fn surface_seen(which: u32, spot: Spot, ray: Ray) -> vec4<f32> {
+    let item = 2u * (CLIPS + which - 1u);
+    let first = textureLoad(inside, at(item), 0);
+    let second = textureLoad(inside, at(item + 1u), 0);
+    if which <= SLICES {
+        return vec4(colour_of(spot.s), 1.0) * second.y;
+    }
+    var colour = second.rgb;
+    if first.z < 0.5 {
+        colour = colour_of(first.x);
+    }
+    if LIT {
+        let light = shade_surface(params, spot.gradient, ray.way);
+        colour = min(light.x * colour + light.y, vec3(1.0));
+    }
+    return vec4(colour, 1.0) * first.y;
+}
+
+// Of a segment: its volume as far as it is kept, and the surfaces in it, front to back.
+fn seen_inside(part: Segment, ray: Ray) -> vec4<f32> {
+    let range = kept(part, ray);
+    var seen = vec4(0.0);
+    if range.x >= range.y {
+        return seen;
+    }
+    var met = Met(range.x, 0u);
+    for (var i = 0u; i < SLICES + ISOS; i++) {
+        let next = next_met(part, ray, met, range.y);
+        if next.which == 0u {
+            break;
+        }
+        if VOLUME {
+            seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, next.u)), ray);
+        }
+        seen += (1.0 - seen.a) * surface_seen(next.which, between(part.front, part.back, next.u), ray);
+        met = next;
+    }
+    if VOLUME {
+        seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, range.y)), ray);
+    }
+    return seen;
+}

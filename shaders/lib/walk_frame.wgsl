@@ -1,0 +1,112 @@
+// The outer frame of either walk: the ray of each pixel, where it starts and ends, and what is done
+// where it is lost. Needs lib/array, lib/view, lib/tet, lib/sight and lib/segment; and of the
+// shader that imports it `walk(code, ray, before) -> Walked`, from boundary face `code` = 4 tet +
+// face until the mesh or the ray ends.
+
+// Towards the eye, from back faces in front of an eye that is inside the mesh.
+override BACKWARDS: bool = false;
+// Whether something opaque may end the rays.
+override OCCLUDED: bool = false;
+// Whether scalars are constant in each tet.
+override CELLS: bool = false;
+
+// Depth bits and 4 tet + face where the rays of this layer start.
+@group(0) @binding(5) var starts: texture_2d<u32>;
+// The nearest front faces, which tell a backward walk whether the eye is inside.
+@group(0) @binding(6) var fronts: texture_2d<u32>;
+// What the layers before gathered.
+@group(0) @binding(7) var gathered: texture_2d<f32>;
+@group(0) @binding(8) var occluder: texture_depth_2d;
+@group(0) @binding(9) var table: texture_2d_array<f32>;
+@group(0) @binding(10) var smooth_sampler: sampler;
+@group(0) @binding(11) var<storage, read_write> lost: array<atomic<u32>, 1>;
+@group(0) @binding(12) var<uniform> params: View;
+
+#import lib/fullscreen
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return fullscreen(index);
+}
+
+struct Ray {
+    // In camera space.
+    sight: Sight,
+    // In the local frame: point(z) = foot + z run.
+    foot: vec3<f32>,
+    run: vec3<f32>,
+    // Its unit direction.
+    way: vec3<f32>,
+    // What a step in z is worth in the unit of the mode.
+    scale: f32,
+    // z at which it ends.
+    end: f32,
+}
+
+struct Walked {
+    sum: vec4<f32>,
+    found: bool,
+}
+
+fn ray_at(position: vec2<f32>) -> Ray {
+    let sight = sight_at(params, position);
+    let slope = sight.slope;
+    let origin = sight.origin - vec2(params.right.w, params.up.w);
+    let foot = origin.x * params.right.xyz + origin.y * params.up.xyz - params.forward.w * params.forward.xyz;
+    let run = slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz;
+    let length = sqrt(1.0 + dot(slope, slope));
+    let scale = length * select(params.unit, params.opacity, MODE == COMPOSITE);
+    return Ray(sight, foot, run, run / length, scale, 3e38);
+}
+
+// The ray a hair beside.
+fn aside(ray: Ray) -> Ray {
+    let by = vec2(1.7e-6, -1.1e-6);
+    var other = ray;
+    other.sight.origin += by;
+    other.foot += by.x * params.right.xyz + by.y * params.up.xyz;
+    return other;
+}
+
+// Walks again along slightly other rays when a ray ends nowhere, as one may that lies exactly in a
+// face or an edge; counts it as lost when they do as well.
+fn walk_safely(code: u32, ray: Ray, before: vec4<f32>) -> vec4<f32> {
+    var along = ray;
+    var walked = Walked(before, false);
+    for (var attempt = 0u; attempt < 4u && !walked.found; attempt++) {
+        walked = walk(code, along, before);
+        along = aside(along);
+    }
+    if !walked.found {
+        atomicAdd(&lost[0], 1u);
+    }
+    return walked.sum;
+}
+
+@fragment
+fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    let pixel = vec2<u32>(position.xy);
+    let start = textureLoad(starts, pixel, 0).xy;
+    var sum = vec4(0.0);
+    var starting = start.y != NONE;
+    if BACKWARDS {
+        // The eye is inside where the nearest face of all shows its back.
+        let front = textureLoad(fronts, pixel, 0).xy;
+        starting = starting && (front.y == NONE || bitcast<f32>(start.x) >= bitcast<f32>(front.x));
+    } else {
+        sum = textureLoad(gathered, pixel, 0);
+        starting = starting && !is_opaque(sum);
+    }
+    var ray = ray_at(position.xy);
+    if OCCLUDED {
+        ray.end = z_of_depth(params, textureLoad(occluder, pixel, 0));
+        starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < ray.end);
+    }
+    if starting {
+        if !BACKWARDS {
+            sum = begun(sum);
+        }
+        sum = walk_safely(start.y, ray, sum);
+    }
+    return sum;
+}

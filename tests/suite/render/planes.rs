@@ -1,0 +1,225 @@
+//! Planes and isosurfaces in a volume, against their float64 form.
+
+use crate::render::common::*;
+use glam::DVec3;
+use palpate::gpu::Gpu;
+use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
+use palpate::render::*;
+
+const SIZE: [u32; 2] = [64, 64];
+
+/// A mesh somewhere, seen with light.
+struct Seen<'a> {
+    mesh: &'a TetMesh,
+    scalars: Vec<f64>,
+    gradients: Vec<DVec3>,
+    caster: Raycaster,
+    rays: RayReference,
+    light: Light,
+}
+
+impl<'a> Seen<'a> {
+    fn new(gpu: &Gpu, mesh: &'a TetMesh, positions: &[DVec3], walk: Walk, light: Light) -> Self {
+        let scalars = waves(mesh);
+        let frame = LocalFrame::of_mesh(mesh);
+        let array = local_positions(gpu, &frame, positions).unwrap();
+        let topology = Topology::new(mesh);
+        let mut geometry = Geometry::new(gpu, mesh, &topology, frame, &array, &scalars).unwrap();
+        geometry.illuminate(mesh, &topology, &scalars).unwrap();
+        geometry.remember_rest(mesh).unwrap();
+        let (low, high) = geometry.scalar_range();
+        let shares: Vec<f64> = scalars.iter().map(|s| (s - low) / (high - low)).collect();
+        let local = positions.iter().map(|p| (*p - frame.origin) / frame.scale);
+        let local: Vec<DVec3> = local.collect();
+        let gradients = node_gradients(mesh, &topology, &local, &shares, None);
+        let options = RaycastOptions {
+            walk,
+            light,
+            ..RaycastOptions::default()
+        };
+        let transfer = TransferFunction::preset("viridis").unwrap();
+        Seen {
+            mesh,
+            gradients,
+            caster: Raycaster::with_options(gpu, geometry, &transfer, options).unwrap(),
+            rays: RayReference::new(mesh, positions, &scalars),
+            scalars,
+            light,
+        }
+    }
+
+    /// Of the nodes of a tet, by weights.
+    fn mix(&self, of: &[DVec3], tet: u32, weights: [f64; 4]) -> DVec3 {
+        let nodes = self.mesh.tets[tet as usize];
+        let parts = nodes.iter().zip(weights);
+        parts.map(|(v, w)| w * of[*v as usize]).sum()
+    }
+
+    fn truth(&self, camera: &Camera, inside: &Inside) -> Vec<[f64; 4]> {
+        let transfer = self.caster.transfer();
+        self.rays.picture(camera, SIZE, |rays, ray| {
+            let rest = |tet: u32, w: [f64; 4]| self.mix(&self.mesh.nodes, tet, w);
+            let gradient =
+                |tet: u32, p: DVec3| self.mix(&self.gradients, tet, rays.weights_in(tet, p));
+            let volume = |tet: u32, p: DVec3, way: DVec3| shade(self.light, gradient(tet, p), way);
+            let surface =
+                |tet: u32, p: DVec3, way: DVec3| shade_surface(self.light, gradient(tet, p), way);
+            let light = Lighting {
+                volume: &volume,
+                surface: &surface,
+            };
+            rays.composite_inside(ray, &transfer, inside, &rest, Some(&light))
+        })
+    }
+
+    /// Share of pixels that are off by more than 4/255, and the root mean square of the others in
+    /// 255ths. An edge of a surface may pass a pixel on either side.
+    fn compare(&mut self, camera: &Camera, inside: &Inside) -> (f64, f64, Image) {
+        self.caster.set_inside(inside).unwrap();
+        let image = self.caster.image(camera, SIZE, Mode::Composite).unwrap();
+        let truth = self.truth(camera, inside);
+        let (mut far, mut sum) = (0, 0.0);
+        for (found, truth) in image.values.chunks(4).zip(&truth) {
+            let errors = found.iter().zip(truth).map(|(a, b)| f64::from(*a) - b);
+            let worst = errors.map(|e| 255.0 * e.abs()).fold(0.0, f64::max);
+            match worst > 4.0 {
+                true => far += 1,
+                false => sum += worst * worst,
+            }
+        }
+        let pixels = truth.len() as f64;
+        (f64::from(far) / pixels, (sum / pixels).sqrt(), image)
+    }
+}
+
+fn bent(mesh: &TetMesh) -> Vec<DVec3> {
+    let (low, high) = mesh.bounds();
+    let size = (high - low).max_element();
+    let bend = |p: &DVec3| {
+        let u = (*p - low) / size;
+        *p + size * DVec3::new(0.3 * u.y * u.y, 0.1 * u.x * u.z, 0.2 * u.x * u.y)
+    };
+    mesh.nodes.iter().map(bend).collect()
+}
+
+/// What is tried of a body: planes alone, surfaces alone, and all of it.
+fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Inside)> {
+    let (low, high) = mesh.bounds();
+    let (middle, size) = (0.5 * (low + high), high - low);
+    let off = |x: f64, y: f64, z: f64| middle + size * DVec3::new(x, y, z);
+    let (least, most) = scalars
+        .iter()
+        .fold((f64::MAX, f64::MIN), |(a, b), s| (a.min(*s), b.max(*s)));
+    let iso = |share: f64, colour: Option<[f64; 3]>, opacity: f64| Isosurface {
+        value: least + share * (most - least),
+        colour,
+        opacity,
+    };
+    let clip = Plane::clip(off(0.1, 0.0, 0.03), DVec3::new(1.0, 0.2, 0.3));
+    let resting = Plane::clip(off(0.0, 0.12, 0.0), DVec3::new(-0.1, 1.0, 0.2)).resting();
+    let slice = Plane {
+        kind: PlaneKind::Slice(0.7),
+        ..Plane::slice(off(-0.06, 0.0, 0.01), DVec3::new(0.9, -0.3, 0.4))
+    };
+    let plain = Inside::default();
+    let with = |planes: Vec<Plane>, isosurfaces: Vec<Isosurface>, volume: bool| Inside {
+        planes,
+        isosurfaces,
+        volume,
+    };
+    let two = vec![iso(0.61, Some([0.9, 0.3, 0.2]), 0.5), iso(0.35, None, 0.8)];
+    let around = Plane::around(off(-0.3, -0.35, -0.3), off(0.25, 0.3, 0.35));
+    vec![
+        ("plain", plain),
+        ("clip", with(vec![clip], Vec::new(), true)),
+        ("box", with(around.to_vec(), Vec::new(), true)),
+        ("clip at rest", with(vec![resting], Vec::new(), true)),
+        ("slice alone", with(vec![slice], Vec::new(), false)),
+        (
+            "slice at rest",
+            with(vec![slice.resting()], Vec::new(), true),
+        ),
+        ("isosurfaces", with(Vec::new(), two.clone(), true)),
+        ("all", with(vec![clip, resting, slice], two, true)),
+    ]
+}
+
+#[test]
+fn planes_and_isosurfaces_are_those_of_the_float64_form() {
+    let gpu = gpu();
+    let round = generate::Bore::Round;
+    let bodies = [
+        (
+            "duct",
+            generate::duct([7, 7, 7], DVec3::ONE, round).unwrap(),
+        ),
+        ("slivers", slivers()),
+        ("limb", generate::by_name("limb", Some(1_500)).unwrap()),
+        ("bar", generate::by_name("bar", Some(600)).unwrap()),
+        ("foot", generate::by_name("foot", Some(3_000)).unwrap()),
+    ];
+    let mut wrong = Vec::new();
+    for (n, (name, mesh)) in bodies.iter().enumerate() {
+        let outside = Camera::framing(mesh);
+        let mut within = Camera::framing(mesh);
+        within.eye = mesh.tet_nodes(mesh.tets.len() / 2).iter().sum::<DVec3>() / 4.0;
+        let from = Light::From(DVec3::new(0.3, 1.0, -0.5));
+        let rest = mesh.nodes.clone();
+        for (k, (walk, light, camera, positions)) in [
+            (Walk::Vertices, Light::Head, outside, bent(mesh)),
+            (Walk::Planes, from, outside, bent(mesh)),
+            (Walk::Vertices, Light::None, within, rest.clone()),
+            (Walk::Planes, Light::Head, within, rest),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let mut seen = Seen::new(&gpu, mesh, &positions, walk, light);
+            let all = insides(mesh, &seen.scalars.clone());
+            let plain = seen.compare(&camera, &Inside::default()).2;
+            for (m, (what, inside)) in all.iter().enumerate() {
+                // Each with some, and all of it with each.
+                if what != &"all" && (m + n + k) % 3 != 0 {
+                    continue;
+                }
+                let (far, rms, image) = seen.compare(&camera, inside);
+                keep(&image, &format!("planes_{name}_{k}_{m}.png"));
+                let apart = 255.0 * Difference::between(&image, &plain).unwrap().rmse;
+                println!("{name} {walk:?} {what}: {far:.4} far, rms {rms:.3}, moved {apart:.1}");
+                // It can be told from the picture without; an eye inside may see nothing of it.
+                let told = inside.is_plain() || k > 1 || apart > 1.0;
+                if far > 0.01 || rms > 0.8 || !told {
+                    wrong.push(format!("{name} {walk:?} {what} {k}: {far} {rms} {apart}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn planes_that_make_no_sense_are_refused() {
+    for wrong in ["", "1,2,3", "0,0,0,0,0,0", "0,0,0,1,0,nan", "a,0,0,1,0,0"] {
+        let told = wrong.parse::<Plane>().unwrap_err().to_string();
+        assert!(told.contains("plane"), "{told}");
+    }
+    for wrong in ["", "x", "1,nocolour", "1,red,2", "1,red,0.5,3"] {
+        let told = wrong.parse::<Isosurface>().unwrap_err().to_string();
+        assert!(told.contains("isosurface"), "{told}");
+    }
+    let iso: Isosurface = "0.25,tomato,0.5".parse().unwrap();
+    assert_eq!((iso.value, iso.opacity), (0.25, 0.5));
+    assert!(iso.colour.unwrap()[0] == 1.0);
+    let gpu = gpu();
+    let mesh = generate::by_name("bar", Some(100)).unwrap();
+    let geometry = Geometry::at_rest(&gpu, &mesh, &waves(&mesh)).unwrap();
+    let transfer = TransferFunction::preset("viridis").unwrap();
+    let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
+    let inside = Inside {
+        planes: vec![Plane::clip(DVec3::ZERO, DVec3::X).resting()],
+        ..Inside::default()
+    };
+    let told = caster.set_inside(&inside).unwrap_err().to_string();
+    assert!(told.contains("remember_rest"), "{told}");
+    assert!(caster.inside().is_plain());
+}
