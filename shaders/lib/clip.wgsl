@@ -6,7 +6,7 @@ override CLIPS: u32 = 0u;
 override RESTING: bool = false;
 
 // As in lib/inside: two texels a plane.
-@group(0) @binding(next) var inside: texture_2d<f32>;
+@group(0) @binding(next) var cuts: texture_2d<f32>;
 // Where the nodes rest, in the local frame; if RESTING.
 @group(0) @binding(next) var rests: texture_2d<f32>;
 
@@ -14,8 +14,8 @@ override RESTING: bool = false;
 fn cut_off(place: vec3<f32>, rest: vec3<f32>) -> bool {
     var gone = false;
     for (var k = 0u; k < CLIPS; k++) {
-        let plane = textureLoad(inside, at(2u * k), 0);
-        let resting = textureLoad(inside, at(2u * k + 1u), 0).x > 0.5;
+        let plane = textureLoad(cuts, at(2u * k), 0);
+        let resting = textureLoad(cuts, at(2u * k + 1u), 0).x > 0.5;
         gone = gone || dot(plane.xyz, select(place, rest, resting)) > plane.w;
     }
     return gone;

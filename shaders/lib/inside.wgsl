@@ -16,7 +16,7 @@ const COLOURS: u32 = 1024u;
 // Two texels each: of planes, clips first, n and c of n · x = c, beyond which n points; 1 where the
 // body rests, opacity. Of isosurfaces the table coordinate, opacity and 1 with a colour of its own;
 // that colour.
-@group(0) @binding(13) var inside: texture_2d<f32>;
+@group(0) @binding(13) var cuts: texture_2d<f32>;
 // The transfer function's colours, evenly over the range.
 @group(0) @binding(14) var colours: texture_2d<f32>;
 // Where the nodes rest, in the local frame; if RESTING.
@@ -24,10 +24,10 @@ const COLOURS: u32 = 1024u;
 
 // How far a place lies beyond plane k.
 fn beyond(k: u32, spot: Spot, ray: Ray) -> f32 {
-    let plane = textureLoad(inside, at(2u * k), 0);
+    let plane = textureLoad(cuts, at(2u * k), 0);
     var place = ray.foot + spot.z * ray.run;
     if RESTING {
-        place = select(place, spot.rest, textureLoad(inside, at(2u * k + 1u), 0).x > 0.5);
+        place = select(place, spot.rest, textureLoad(cuts, at(2u * k + 1u), 0).x > 0.5);
     }
     return dot(plane.xyz, place) - plane.w;
 }
@@ -80,7 +80,7 @@ fn next_met(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
         best = nearer(best, after, k + 1u, ends);
     }
     for (var k = 0u; k < ISOS; k++) {
-        let s = textureLoad(inside, at(2u * (CLIPS + SLICES + k)), 0).x;
+        let s = textureLoad(cuts, at(2u * (CLIPS + SLICES + k)), 0).x;
         best = nearer(best, after, SLICES + k + 1u, vec2(part.front.s, part.back.s) - s);
     }
     return best;
@@ -97,8 +97,8 @@ fn colour_of(s: f32) -> vec3<f32> {
 // What a surface looks like, colour premultiplied.
 fn surface_seen(which: u32, spot: Spot, ray: Ray) -> vec4<f32> {
     let item = 2u * (CLIPS + which - 1u);
-    let first = textureLoad(inside, at(item), 0);
-    let second = textureLoad(inside, at(item + 1u), 0);
+    let first = textureLoad(cuts, at(item), 0);
+    let second = textureLoad(cuts, at(item + 1u), 0);
     if which <= SLICES {
         return vec4(colour_of(spot.s), 1.0) * second.y;
     }

@@ -124,7 +124,7 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Physics")]
     pub steps: Option<u32>,
     /// What tets resist with: springs, neo-hookean or corotated [default: neo-hookean;
-    /// springs for grids and cages, and where a stiffness or damping of springs is given]
+    /// springs for grids, and where a stiffness or damping of springs is given]
     #[arg(long, value_name = "MODEL", help_heading = "Physics")]
     pub material: Option<MaterialModel>,
     /// One stiffness κ for every spring, in N/m
