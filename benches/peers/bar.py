@@ -37,7 +37,6 @@ HALVES = {
     ("Palpate", "bdf2"): range(0, 6),
     ("Palpate", "bdf2-tight"): range(0, 6),
     ("Palpate", "midpoint"): range(0, 6),
-    ("Palpate", "midpoint-tight"): range(0, 6),
     ("Palpate", "velocity-verlet"): range(5, 8),
     ("MuJoCo", "discrete"): range(0, 6),
     ("MuJoCo", "Euler"): range(5, 9),

@@ -22,7 +22,6 @@ LOOKS = {
     ("Palpate", "bdf2"): ("#56B4E9", "s", "-"),
     ("Palpate", "bdf2-tight"): ("#56B4E9", "s", ":"),
     ("Palpate", "midpoint"): ("#009E73", "^", "-"),
-    ("Palpate", "midpoint-tight"): ("#009E73", "^", ":"),
     ("Palpate", "velocity-verlet"): ("#0B3C5D", "D", "-"),
     ("Palpate", "implicit, rigid"): ("#0072B2", "o", ":"),
     ("Palpate", "bdf2, rigid"): ("#56B4E9", "s", ":"),
