@@ -50,7 +50,7 @@ fn length_of(part: Segment, ray: Ray) -> f32 {
 fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     if MODE == COMPOSITE {
         var seen: vec4<f32>;
-        if CLIPS + SLICES + ISOS > 0u || !VOLUME {
+        if (CLIPS + SLICES + ISOS > 0u) | !VOLUME {
             seen = seen_inside(whole, ray);
         } else {
             seen = seen_in_light(whole, ray);
@@ -58,7 +58,7 @@ fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
         return select(sum + (1.0 - sum.a) * seen, seen + (1.0 - seen.a) * sum, BACKWARDS);
     }
     var part = whole;
-    if CLIPS > 0u && MODE != STATISTICS {
+    if (CLIPS > 0u) & (MODE != STATISTICS) {
         let range = kept(whole, ray);
         if range.x >= range.y {
             return sum;

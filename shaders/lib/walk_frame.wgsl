@@ -61,10 +61,9 @@ fn ray_at(position: vec2<f32>) -> Ray {
 
 // The ray a hair beside.
 fn aside(ray: Ray) -> Ray {
-    let by = vec2(1.7e-6, -1.1e-6);
     var other = ray;
-    other.sight.origin += by;
-    other.foot += by.x * params.right.xyz + by.y * params.up.xyz;
+    other.sight.origin += vec2(1.7e-6, -1.1e-6);
+    other.foot += 1.7e-6 * params.right.xyz - 1.1e-6 * params.up.xyz;
     return other;
 }
 

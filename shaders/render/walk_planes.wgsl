@@ -50,7 +50,7 @@ fn spot_at(t: u32, ray: Ray, z: f32) -> Spot {
     var spot: Spot;
     spot.z = z;
     spot.s = scalar_at(t, ray, z);
-    if !LIT && !RESTING {
+    if !(LIT | RESTING) {
         return spot;
     }
     let ids = textureLoad(tets, at(t), 0);

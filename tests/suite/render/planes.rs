@@ -151,7 +151,7 @@ fn planes_and_isosurfaces_are_those_of_the_float64_form() {
     let bodies = [
         (
             "duct",
-            generate::duct([7, 7, 7], DVec3::ONE, round).unwrap(),
+            generate::duct([6, 6, 6], DVec3::ONE, round).unwrap(),
         ),
         ("slivers", slivers()),
         ("limb", generate::by_name("limb", Some(1_500)).unwrap()),
