@@ -155,7 +155,10 @@ fn planes_and_isosurfaces_are_those_of_the_float64_form() {
         ),
         ("slivers", slivers()),
         ("limb", generate::by_name("limb", Some(1_500)).unwrap()),
-        ("bar", generate::by_name("bar", Some(600)).unwrap()),
+        (
+            "bar",
+            generate::bar_of_about(600, generate::PAPER_BAR_SIZE).unwrap(),
+        ),
         ("foot", generate::by_name("foot", Some(3_000)).unwrap()),
     ];
     let mut wrong = Vec::new();
@@ -211,7 +214,7 @@ fn planes_that_make_no_sense_are_refused() {
     assert_eq!((iso.value, iso.opacity), (0.25, 0.5));
     assert!(iso.colour.unwrap()[0] == 1.0);
     let gpu = gpu();
-    let mesh = generate::by_name("bar", Some(100)).unwrap();
+    let mesh = generate::paper_bar().unwrap();
     let geometry = Geometry::at_rest(&gpu, &mesh, &waves(&mesh)).unwrap();
     let transfer = TransferFunction::preset("viridis").unwrap();
     let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
