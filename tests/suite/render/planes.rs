@@ -154,12 +154,12 @@ fn planes_and_isosurfaces_are_those_of_the_float64_form() {
             generate::duct([6, 6, 6], DVec3::ONE, round).unwrap(),
         ),
         ("slivers", slivers()),
-        ("limb", generate::by_name("limb", Some(1_500)).unwrap()),
+        ("limb", generate::by_name("limb", Some(2_000)).unwrap()),
         (
             "bar",
             generate::bar_of_about(600, generate::PAPER_BAR_SIZE).unwrap(),
         ),
-        ("foot", generate::by_name("foot", Some(3_000)).unwrap()),
+        ("foot", generate::by_name("foot", Some(5_000)).unwrap()),
     ];
     let mut wrong = Vec::new();
     for (n, (name, mesh)) in bodies.iter().enumerate() {
