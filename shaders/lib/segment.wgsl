@@ -105,6 +105,7 @@ fn begun(sum: vec4<f32>) -> vec4<f32> {
     return select(sum, vec4(sum.r, 1.0, sum.b + 1.0, sum.a), MODE == STATISTICS);
 }
 
+// Whether what comes behind is seen no more. On a walk to the eye all that comes is before it.
 fn is_opaque(sum: vec4<f32>) -> bool {
-    return MODE == COMPOSITE && sum.a > OPAQUE;
+    return (MODE == COMPOSITE) & !BACKWARDS & (sum.a > OPAQUE);
 }
