@@ -67,6 +67,20 @@ fn aside(ray: Ray) -> Ray {
     return other;
 }
 
+// Takes a segment of a walk to the eye into the sum, as far as it is not behind the ray's end.
+fn before_end(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
+    var seen = part;
+    if OCCLUDED {
+        if part.front.z >= ray.end {
+            return sum;
+        }
+        if part.back.z > ray.end {
+            seen.back = between(part.front, part.back, (ray.end - part.front.z) / (part.back.z - part.front.z));
+        }
+    }
+    return on_segment(sum, seen, ray);
+}
+
 // Walks again along slightly other rays when a ray ends nowhere, as one may that lies exactly in a
 // face or an edge; counts it as lost when they do as well.
 fn walk_safely(code: u32, ray: Ray, before: vec4<f32>) -> vec4<f32> {

@@ -159,44 +159,44 @@ fn main(
             mixed[k] = reduce(vec4(mixed[k], 0.0), lane).xyz;
             turns[k] = reduce(vec4(turns[k], 0.0), lane).xyz;
         }
-        if lane != 0u {
-            continue;
-        }
-        var block = Block();
-        for (var c = 0u; c < 3u; c++) {
-            for (var r = 0u; r < 3u; r++) {
-                block[c][r] = 0.5 * (shifts[c][r] + shifts[r][c]);
-                block[3u + c][3u + r] = 0.5 * (turns[c][r] + turns[r][c]);
-                block[3u + c][r] = mixed[c][r];
-                block[r][3u + c] = mixed[c][r];
+        // Not `continue`: barriers want all lanes to stay together.
+        if lane == 0u {
+            var block = Block();
+            for (var c = 0u; c < 3u; c++) {
+                for (var r = 0u; r < 3u; r++) {
+                    block[c][r] = 0.5 * (shifts[c][r] + shifts[r][c]);
+                    block[3u + c][3u + r] = 0.5 * (turns[c][r] + turns[r][c]);
+                    block[3u + c][r] = mixed[c][r];
+                    block[r][3u + c] = mixed[c][r];
+                }
             }
-        }
-        let axis = turned(turn, shape.axis);
-        var keep = mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
-        if shape.freedom == HINGE {
-            keep = mat3x3(axis * axis.x, axis * axis.y, axis * axis.z);
-        }
-        let free = select(0.0, 1.0, shape.freedom == FREE);
-        block = within(block, free, keep);
-        var scale = 1e-37;
-        var sum = 0.0;
-        for (var k = 0u; k < 6u; k++) {
-            scale = max(scale, block[k][k]);
-            sum += block[k][k];
-        }
-        // What it does not have is put in place of it.
-        for (var c = 0u; c < 3u; c++) {
-            block[c][c] += scale * (1.0 - free);
-            for (var r = 0u; r < 3u; r++) {
-                block[3u + c][3u + r] += scale * (select(0.0, 1.0, r == c) - keep[c][r]);
+            let axis = turned(turn, shape.axis);
+            var keep = mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+            if shape.freedom == HINGE {
+                keep = mat3x3(axis * axis.x, axis * axis.y, axis * axis.z);
             }
-        }
-        let inverse = within(inverse_of(block), free, keep);
-        textureStore(blocks, at(13u * b), turn);
-        for (var c = 0u; c < 6u; c++) {
-            let column = inverse[c];
-            textureStore(blocks, at(13u * b + 1u + 2u * c), vec4(column[0], column[1], column[2], sum / 6.0));
-            textureStore(blocks, at(13u * b + 2u + 2u * c), vec4(column[3], column[4], column[5], 0.0));
+            let free = select(0.0, 1.0, shape.freedom == FREE);
+            block = within(block, free, keep);
+            var scale = 1e-37;
+            var sum = 0.0;
+            for (var k = 0u; k < 6u; k++) {
+                scale = max(scale, block[k][k]);
+                sum += block[k][k];
+            }
+            // What it does not have is put in place of it.
+            for (var c = 0u; c < 3u; c++) {
+                block[c][c] += scale * (1.0 - free);
+                for (var r = 0u; r < 3u; r++) {
+                    block[3u + c][3u + r] += scale * (select(0.0, 1.0, r == c) - keep[c][r]);
+                }
+            }
+            let inverse = within(inverse_of(block), free, keep);
+            textureStore(blocks, at(13u * b), turn);
+            for (var c = 0u; c < 6u; c++) {
+                let column = inverse[c];
+                textureStore(blocks, at(13u * b + 1u + 2u * c), vec4(column[0], column[1], column[2], sum / 6.0));
+                textureStore(blocks, at(13u * b + 2u + 2u * c), vec4(column[3], column[4], column[5], 0.0));
+            }
         }
     }
 }

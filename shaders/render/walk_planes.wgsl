@@ -127,7 +127,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             next_z = min(next_z, here.z);
             if next_z < params.near {
                 let near = spot_at(t, ray, min(here.z, params.near));
-                return Walked(begun(on_segment(sum, Segment(near, here, t), ray)), true);
+                return Walked(begun(before_end(sum, Segment(near, here, t), ray)), true);
             }
         } else {
             let leave = select(vec3(1e30), heights / slants, slants > vec3(0.0));
@@ -146,7 +146,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         }
         let next = spot_at(t, ray, next_z);
         if BACKWARDS {
-            sum = on_segment(sum, Segment(next, here, t), ray);
+            sum = before_end(sum, Segment(next, here, t), ray);
         } else {
             sum = on_segment(sum, Segment(here, next, t), ray);
         }

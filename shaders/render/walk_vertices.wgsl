@@ -142,9 +142,9 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             if next.z < params.near {
                 next = between(here, next, clamp((here.z - params.near) / (here.z - next.z), 0.0, 1.0));
                 next.z = min(here.z, params.near);
-                return Walked(begun(on_segment(sum, Segment(next, here, t), ray)), true);
+                return Walked(begun(before_end(sum, Segment(next, here, t), ray)), true);
             }
-            sum = on_segment(sum, Segment(next, here, t), ray);
+            sum = before_end(sum, Segment(next, here, t), ray);
         } else {
             next.z = clamp(next.z, here.z, max(here.z, max(a.z, max(b.z, c.z))));
             if OCCLUDED && next.z > ray.end {

@@ -237,7 +237,8 @@ impl<S: Integrator> Stepper<S> {
 
     /// Steps that fit one submit.
     fn chunk(&self, iterations: u32) -> u32 {
-        let passes = 10 + 2 * iterations;
+        // Three an iteration, and some before and after, where regions are rigid.
+        let passes = 20 + 3 * iterations;
         let visits = 4.0 * f64::from(self.core.texels) * f64::from(3 + iterations);
         let by_visits = (VISITS / visits) as u32;
         by_visits.min(DISPATCHES / passes).clamp(1, HISTORY)

@@ -105,12 +105,24 @@ impl Scene {
                 });
                 inside.planes.extend(faces);
                 inside.volume = false;
+                if inside.check().is_err() {
+                    return Err(Error::Input(
+                        "in mode surface each clip plane has a cut face, which counts as another plane: give up to 16 of them (a box is six)"
+                            .into(),
+                    ));
+                }
             }
-            _ if surfaces > 0 => notes.push(
-                "slices and isosurfaces are drawn in mode composite or surface; they are passed over"
-                    .into(),
-            ),
-            _ => {}
+            _ => {
+                if surfaces > 0 || !inside.volume {
+                    notes.push(
+                        "slices and isosurfaces are drawn in mode composite or surface; they are passed over"
+                            .into(),
+                    );
+                }
+                inside.planes.retain(|p| p.kind == PlaneKind::Clip);
+                inside.isosurfaces.clear();
+                inside.volume = true;
+            }
         }
         Ok(inside)
     }

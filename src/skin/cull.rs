@@ -197,7 +197,9 @@ impl Skin {
     /// Whether nothing behind its outer side can be seen.
     fn is_closed(&self) -> bool {
         let whole = self.corners as usize == 3 * self.vertices.triangles.len();
-        whole && self.report.open_edges == 0 && self.report.nonmanifold_edges == 0
+        // Planes open it: what shows its back is seen then.
+        let uncut = self.inside.clips().next().is_none();
+        whole && uncut && self.report.open_edges == 0 && self.report.nonmanifold_edges == 0
     }
 
     /// Records the choice of what is drawn, if there is one.

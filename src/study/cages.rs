@@ -132,10 +132,16 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             .into(),
         (None, None) => "mesh".to_owned(),
     };
+    // Elements have neither.
+    let of_springs = scene.material.stiffness.is_some() || scene.material.damping.is_some();
+    if of_springs {
+        run.note("a stiffness or damping of springs is given: the study leaves elements out");
+    }
+    let matters = if of_springs { &MATTERS[1..] } else { MATTERS };
     let shares: &[f64] = if run.quick { &QUICK_SHARES } else { &SHARES };
     let count = mesh.nodes.len();
     let mut points: Vec<Vec<Cell>> = Vec::new();
-    for (model, kinds) in MATTERS {
+    for (model, kinds) in matters {
         points.push(point(&name, &mesh, (model, "own"), count));
         for kind in *kinds {
             let wanted = shares.iter().map(|s| (s * count as f64).round().max(20.0));

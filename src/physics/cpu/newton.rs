@@ -198,8 +198,8 @@ impl<T: Real> Minimiser<T> {
                 continue;
             }
             let wanted = (by_energy && !near && !last) || self.folded(scene, terms);
-            let whole = *whole.get_or_insert_with(|| !inverted(scene.plan, terms, scene.at.u));
-            if !(wanted && whole) {
+            let at = scene.at.u;
+            if !(wanted && *whole.get_or_insert_with(|| !inverted(scene.plan, terms, at))) {
                 break;
             }
         }
@@ -207,7 +207,8 @@ impl<T: Real> Minimiser<T> {
         Some(descent)
     }
 
-    /// Whether tets are inside out at the end of the step so far.
+    /// Whether tets are inside out where the step's forces are taken so far: at its end, by the
+    /// midpoint rule in its middle.
     fn folded(&self, scene: &Scene<'_, T>, terms: &[Box<dyn Term<T>>]) -> bool {
         inverted(scene.plan, terms, &self.best.place)
     }

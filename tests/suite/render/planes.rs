@@ -5,6 +5,7 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
 use palpate::render::*;
+use palpate::scene::{Scene, Stage};
 
 const SIZE: [u32; 2] = [64, 64];
 
@@ -225,4 +226,78 @@ fn planes_that_make_no_sense_are_refused() {
     let told = caster.set_inside(&inside).unwrap_err().to_string();
     assert!(told.contains("remember_rest"), "{told}");
     assert!(caster.inside().is_plain());
+}
+
+#[test]
+fn boundaries_have_cut_faces_without_holes() {
+    let gpu = gpu();
+    let scene = |more: &str| {
+        let text = format!(
+            "[mesh]\ngenerate = \"box\"\ntets = 600\n[picture]\nsize = [96, 72]\nmode = \"surface\"\n{more}"
+        );
+        let mut stage = Stage::new(&gpu, &Scene::parse(&text).unwrap()).unwrap();
+        (stage.image().unwrap(), stage.mesh().bounds())
+    };
+    let (whole, (low, high)) = scene("");
+    let middle = 0.5 * (low + high);
+    for (at, rest) in [(0.4, false), (0.4, true), (0.6, false)] {
+        let p = low + at * (high - low);
+        // Whichever way the camera looks, one side of the plane faces it.
+        let faces: Vec<Image> = [1.0, -1.0]
+            .map(|way: f64| {
+                scene(&format!(
+                    "[[plane]]\nclip = [{}, {}, {}, {way}, 0, 0]\nrest = {rest}",
+                    p.x, middle.y, middle.z
+                ))
+                .0
+            })
+            .into();
+        let lit = |image: &Image| image.values.chunks(4).filter(|p| p[3] > 0.99).count();
+        let parts: Vec<usize> = faces.iter().map(lit).collect();
+        assert!(
+            parts.iter().all(|n| *n < lit(&whole) && *n > 0),
+            "{parts:?}"
+        );
+        // A pixel of the picture is of the boundary, of a cut face, or empty; none shows through.
+        for image in &faces {
+            let (width, height) = (96, 72);
+            let alpha = |x: usize, y: usize| image.values[4 * (y * width + x) + 3];
+            for y in 1..height - 1 {
+                for x in 1..width - 1 {
+                    let around = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
+                    let covered = around.iter().all(|(x, y)| alpha(*x, *y) > 0.99);
+                    assert!(!covered || alpha(x, y) > 0.99, "a hole at {x}, {y}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn scenes_name_planes_and_isosurfaces_or_say_what_is_wrong() {
+    let gpu = gpu();
+    let stage = |more: &str| {
+        let scene = Scene::parse(&format!(
+            "[mesh]\ngenerate = \"box\"\ntets = 200\n[picture]\nsize = [32, 24]\n{more}"
+        ))?;
+        Stage::new(&gpu, &scene)
+    };
+    let all = "[[plane]]\nclip = [0, 0, 0, 1, 0, 0]\n[[plane]]\nslice = [0, 0, 0, 0, 1, 0]\nopacity = 0.5\nrest = true\n[[plane]]\nbox = [-1, -1, -1, 1, 1, 1]\n[[isosurface]]\nvalue = 0.1\ncolour = \"gold\"\nopacity = 0.7";
+    stage(all).unwrap();
+    for (more, word) in [
+        ("[[plane]]\nrest = true", "one of"),
+        (
+            "[[plane]]\nclip = [0, 0, 0, 1, 0, 0]\nopacity = 0.5",
+            "slice",
+        ),
+        ("[[plane]]\nclip = [0, 0, 0, 0, 0, 0]", "normal"),
+        (
+            "[[isosurface]]\nvalue = 0.1\ncolour = \"no such\"",
+            "isosurface",
+        ),
+        ("volume = false", "nothing is left"),
+    ] {
+        let told = stage(more).err().unwrap().to_string();
+        assert!(told.contains(word), "{more}: {told}");
+    }
 }
