@@ -95,7 +95,7 @@ fn a_cage_bends_as_the_fine_body_does() {
             (material(), CageKind::Lattice, 60, 0.15),
             (material(), CageKind::Lattice, 200, 0.05),
             (material(), CageKind::Grid, 200, 0.05),
-            (elements(), CageKind::Lattice, 60, 0.15),
+            (elements(), CageKind::Lattice, 60, 0.2),
             (elements(), CageKind::Lattice, 200, 0.05),
         ] {
             let network = SpringNetwork::new(&mesh, &material).unwrap();
