@@ -1,7 +1,7 @@
 //! How fast the raycaster is: the benchmark cube of 6 n³ tets at 512 x 512, everything redrawn in
 //! each of N frames, the camera turned 7° between them. Prints milliseconds a frame.
 //!
-//!     cargo bench --bench raycast -- 20 10 [planes] [volume]
+//!     cargo bench --bench raycast -- 20 10 [planes] [volume|sliced|integrals] [stored|sampled]
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -46,10 +46,16 @@ fn main() -> anyhow::Result<()> {
         } else {
             Walk::Vertices
         },
-        table: if given("volume") {
-            TableForm::Volume
-        } else {
-            TableForm::Sliced
+        table: match () {
+            () if given("volume") => TableForm::Volume,
+            () if given("sliced") => TableForm::Sliced,
+            () if given("integrals") => TableForm::Integrals,
+            () => TableForm::Fitting,
+        },
+        reads: match () {
+            () if given("stored") => Reads::Stored,
+            () if given("sampled") => Reads::Sampled,
+            () => Reads::ByAdapter,
         },
         ..Default::default()
     };

@@ -7,6 +7,7 @@
 //! Data flows one way: file → [`mesh::TetMesh`] → body (textures on the GPU) → solver step →
 //! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` is the map.
 
+pub mod annotate;
 pub mod cage;
 pub mod error;
 pub mod gpu;
@@ -15,6 +16,7 @@ pub mod mesh;
 pub mod mesher;
 pub(crate) mod parallel;
 pub mod physics;
+pub mod press;
 pub mod render;
 pub mod scene;
 pub mod skin;

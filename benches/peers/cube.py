@@ -23,6 +23,8 @@ eye = {eye}
 look_at = {look_at}
 up = {up}
 fov = {fov}
+[light]
+from = "none"
 [picture]
 size = [{size}, {size}]
 bits = 16

@@ -1,7 +1,7 @@
 // One-dimensional arrays held in two-dimensional textures, and one-dimensional work folded into
 // two-dimensional dispatches. The twin of `gpu::Array` (ROW) and `gpu::Pass` (folding).
 
-const ROW_BITS: u32 = 12u;
+const ROW_BITS: u32 = 13u;
 
 // Items a workgroup; a pass may set it.
 override WORKGROUP: u32 = 64u;

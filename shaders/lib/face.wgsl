@@ -1,6 +1,6 @@
 // Boundary faces drawn so that every ray that meets one gets a fragment of it; the fragment then
-// decides by the walk's own sign tests. Needs `projected`, `boundary` and `params: View` of the
-// shader that imports it, and lib/array, lib/view, lib/tet, lib/sight.
+// decides by the walk's own sign tests. Needs `projected_at` of a node, `boundary_at` of a face and
+// `params: View` of the shader that imports it, and lib/array, lib/view, lib/tet, lib/sight.
 
 // Faces that show their back, instead of those that show their front.
 override BACK: bool = false;
@@ -35,18 +35,17 @@ struct Face {
     corners: array<vec2<f32>, 3>,
 }
 
+// The nodes of boundary face `index`, and its code.
+fn face_ids(index: u32) -> vec4<u32> {
+    let ids = boundary_at(index);
+    // Counter-clockwise as seen from inside.
+    return select(ids, ids.xzyw, BACK);
+}
+
 // Boundary face `index` with the triangle that covers it.
 fn face_of(index: u32) -> Face {
-    var ids = textureLoad(boundary, at(index), 0);
-    if BACK {
-        // Counter-clockwise as seen from inside.
-        ids = ids.xzyw;
-    }
-    let q = array(
-        textureLoad(projected, at(ids.x), 0).xyz,
-        textureLoad(projected, at(ids.y), 0).xyz,
-        textureLoad(projected, at(ids.z), 0).xyz,
-    );
+    let ids = face_ids(index);
+    let q = array(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz);
     let drawn = covering(array(to_clip(params, q[0]), to_clip(params, q[1]), to_clip(params, q[2])));
     return Face(ids, q, array(drawn[0] * params.pixel, drawn[1] * params.pixel, drawn[2] * params.pixel));
 }

@@ -16,11 +16,11 @@ const COLOURS: u32 = 1024u;
 // Two texels each: of planes, clips first, n and c of n · x = c, beyond which n points; 1 where the
 // body rests, opacity. Of isosurfaces the table coordinate, opacity and 1 with a colour of its own;
 // that colour.
-@group(0) @binding(13) var cuts: texture_2d<f32>;
-// The transfer function's colours, evenly over the range.
-@group(0) @binding(14) var colours: texture_2d<f32>;
+@group(0) @binding(next) var cuts: texture_2d<f32>;
+// The colours of each transfer function, evenly over the range.
+@group(0) @binding(next) var colours: texture_2d<f32>;
 // Where the nodes rest, in the local frame; if RESTING.
-@group(0) @binding(15) var rests: texture_2d<f32>;
+@group(0) @binding(next) var rests: texture_2d<f32>;
 
 // How far a place lies beyond plane k.
 fn beyond(k: u32, spot: Spot, ray: Ray) -> f32 {
@@ -86,35 +86,39 @@ fn next_met(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
     return best;
 }
 
-// The colour of the transfer function at a table coordinate.
-fn colour_of(s: f32) -> vec3<f32> {
+// The colour of transfer function `row` at a table coordinate.
+fn colour_of(s: f32, row: u32) -> vec3<f32> {
     let share = clamp((s - params.scalar.y) / params.scalar.x, 0.0, 1.0);
     let x = share * f32(COLOURS - 1u);
-    let first = min(u32(x), COLOURS - 2u);
-    return mix(textureLoad(colours, at(first), 0).rgb, textureLoad(colours, at(first + 1u), 0).rgb, x - f32(first));
+    let below = min(u32(x), COLOURS - 2u);
+    let first = row * COLOURS + below;
+    return mix(textureLoad(colours, at(first), 0).rgb, textureLoad(colours, at(first + 1u), 0).rgb, x - f32(below));
 }
 
 // What a surface looks like, colour premultiplied.
-fn surface_seen(which: u32, spot: Spot, ray: Ray) -> vec4<f32> {
+fn surface_seen(which: u32, spot: Spot, row: u32, ray: Ray) -> vec4<f32> {
     let item = 2u * (CLIPS + which - 1u);
     let first = textureLoad(cuts, at(item), 0);
     let second = textureLoad(cuts, at(item + 1u), 0);
     if which <= SLICES {
-        return vec4(colour_of(spot.s), 1.0) * second.y;
+        return vec4(colour_of(spot.s, row), 1.0) * second.y;
     }
     var colour = second.rgb;
     if first.z < 0.5 {
-        colour = colour_of(first.x);
+        colour = colour_of(first.x, row);
     }
     if LIT {
-        let light = shade_surface(params, spot.gradient, ray.way);
+        var light = shade_surface(params, spot.gradient, ray.way);
+        if SHADOWED {
+            light *= spot.bright;
+        }
         colour = min(light.x * colour + light.y, vec3(1.0));
     }
     return vec4(colour, 1.0) * first.y;
 }
 
 // Of a segment: its volume as far as it is kept, and the surfaces in it, front to back.
-fn seen_inside(part: Segment, ray: Ray) -> vec4<f32> {
+fn seen_inside(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     let range = kept(part, ray);
     var seen = vec4(0.0);
     if range.x >= range.y {
@@ -127,13 +131,13 @@ fn seen_inside(part: Segment, ray: Ray) -> vec4<f32> {
             break;
         }
         if VOLUME {
-            seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, next.u)), ray);
+            seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, next.u)), row, ray);
         }
-        seen += (1.0 - seen.a) * surface_seen(next.which, between(part.front, part.back, next.u), ray);
+        seen += (1.0 - seen.a) * surface_seen(next.which, between(part.front, part.back, next.u), row, ray);
         met = next;
     }
     if VOLUME {
-        seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, range.y)), ray);
+        seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, range.y)), row, ray);
     }
     return seen;
 }

@@ -1,9 +1,18 @@
-// What a walk gathers along its ray: composited colour, length, a scalar, or counts. Needs what
-// lib/table and lib/shade do, and `Ray` and `BACKWARDS` of lib/walk_frame.
+// What a walk gathers along its ray: composited colour, length, a scalar, or counts. Needs
+// lib/array, `segment` of a table, `Ray` and `BACKWARDS` of lib/walk_frame, and `params: View`.
 
 #import lib/shade
-#import lib/table
 #import lib/inside
+
+// Whether each region has a transfer function of its own: a row of the table.
+override REGIONS: bool = false;
+// The row of what is not shown at all.
+const HIDDEN: u32 = 0xffffu;
+// A ray this opaque is not followed further.
+override OPAQUE: f32 = 0.9995;
+
+// The row of each tet, if REGIONS.
+@group(0) @binding(next) var rows: texture_2d<u32>;
 
 // What is gathered.
 override MODE: u32 = 0u;
@@ -25,13 +34,15 @@ struct Spot {
     s: f32,
     // If LIT: that of the scalar, in the local frame.
     gradient: vec3<f32>,
+    // If SHADOWED: the share of light that comes there.
+    bright: f32,
     // If RESTING: where it is when the body rests, in the local frame.
     rest: vec3<f32>,
 }
 
 // From a (0) to b (1).
 fn between(a: Spot, b: Spot, u: f32) -> Spot {
-    return Spot(mix(a.z, b.z, u), mix(a.s, b.s, u), mix(a.gradient, b.gradient, u), mix(a.rest, b.rest, u));
+    return Spot(mix(a.z, b.z, u), mix(a.s, b.s, u), mix(a.gradient, b.gradient, u), mix(a.bright, b.bright, u), mix(a.rest, b.rest, u));
 }
 
 // A stretch of a ray inside one tet, as either walk hands it on.
@@ -48,12 +59,19 @@ fn length_of(part: Segment, ray: Ray) -> f32 {
 
 // Takes a segment into what the ray has gathered: behind it, or before it on a walk to the eye.
 fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
+    var row = 0u;
+    if REGIONS & (MODE != STATISTICS) {
+        row = textureLoad(rows, at(whole.tet), 0).x;
+        if row == HIDDEN {
+            return sum;
+        }
+    }
     if MODE == COMPOSITE {
         var seen: vec4<f32>;
         if (CLIPS + SLICES + ISOS > 0u) | !VOLUME {
-            seen = seen_inside(whole, ray);
+            seen = seen_inside(whole, row, ray);
         } else {
-            seen = seen_in_light(whole, ray);
+            seen = seen_in_light(whole, row, ray);
         }
         return select(sum + (1.0 - sum.a) * seen, seen + (1.0 - seen.a) * sum, BACKWARDS);
     }
@@ -75,10 +93,13 @@ fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
 }
 
 // Its colour and opacity, in light.
-fn seen_in_light(part: Segment, ray: Ray) -> vec4<f32> {
-    let seen = segment(part.front.s, part.back.s, length_of(part, ray));
+fn seen_in_light(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
+    let seen = segment(part.front.s, part.back.s, length_of(part, ray), row);
     if LIT {
-        let light = shade(params, 0.5 * (part.front.gradient + part.back.gradient), ray.way);
+        var light = shade(params, 0.5 * (part.front.gradient + part.back.gradient), ray.way);
+        if SHADOWED {
+            light *= 0.5 * (part.front.bright + part.back.bright);
+        }
         return vec4(min(light.x * seen.rgb + light.y * seen.a, vec3(seen.a)), seen.a);
     }
     return seen;

@@ -4,6 +4,8 @@
 
 // Whether there is light.
 override LIT: bool = false;
+// Whether what is before the light dims it.
+override SHADOWED: bool = false;
 
 // The constants of `render::light`.
 const AMBIENT: f32 = 0.4;

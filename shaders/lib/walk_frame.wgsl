@@ -11,16 +11,14 @@ override OCCLUDED: bool = false;
 override CELLS: bool = false;
 
 // Depth bits and 4 tet + face where the rays of this layer start.
-@group(0) @binding(5) var starts: texture_2d<u32>;
+@group(0) @binding(next) var starts: texture_2d<u32>;
 // The nearest front faces, which tell a backward walk whether the eye is inside.
-@group(0) @binding(6) var fronts: texture_2d<u32>;
+@group(0) @binding(next) var fronts: texture_2d<u32>;
 // What the layers before gathered.
-@group(0) @binding(7) var gathered: texture_2d<f32>;
-@group(0) @binding(8) var occluder: texture_depth_2d;
-@group(0) @binding(9) var table: texture_2d_array<f32>;
-@group(0) @binding(10) var smooth_sampler: sampler;
-@group(0) @binding(11) var<storage, read_write> lost: array<atomic<u32>, 1>;
-@group(0) @binding(12) var<uniform> params: View;
+@group(0) @binding(next) var gathered: texture_2d<f32>;
+@group(0) @binding(next) var occluder: texture_depth_2d;
+@group(0) @binding(next) var<storage, read_write> lost: array<atomic<u32>, 1>;
+@group(0) @binding(next) var<uniform> params: View;
 
 #import lib/fullscreen
 

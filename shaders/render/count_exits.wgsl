@@ -5,12 +5,21 @@
 #import lib/view
 #import lib/tet
 #import lib/sight
-#import lib/face
 
 @group(0) @binding(0) var projected: texture_2d<f32>;
 // Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face.
 @group(0) @binding(1) var boundary: texture_2d<u32>;
 @group(0) @binding(2) var<uniform> params: View;
+
+fn projected_at(i: u32) -> vec4<f32> {
+    return textureLoad(projected, at(i), 0);
+}
+
+fn boundary_at(i: u32) -> vec4<u32> {
+    return textureLoad(boundary, at(i), 0);
+}
+
+#import lib/face
 
 struct Corner {
     @invariant @builtin(position) position: vec4<f32>,

@@ -3,15 +3,14 @@
 
 #import lib/array
 #import lib/view
-#import lib/table
 
 // Each segment: scalars (0 to 1 over the field's range) at front and back, length in local units.
 @group(0) @binding(0) var segments: texture_2d<f32>;
-@group(0) @binding(1) var table: texture_2d_array<f32>;
-@group(0) @binding(2) var smooth_sampler: sampler;
-@group(0) @binding(3) var found: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(1) var found: texture_storage_2d<rgba32float, write>;
 // `nodes` is the number of segments.
-@group(0) @binding(4) var<uniform> params: View;
+@group(0) @binding(2) var<uniform> params: View;
+
+#each table #import terms/TERM
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -21,5 +20,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     let given = textureLoad(segments, at(i), 0);
     let s = params.scalar.x * given.xy + params.scalar.y;
-    textureStore(found, at(i), segment(s.x, s.y, given.z * params.opacity));
+    textureStore(found, at(i), segment(s.x, s.y, given.z * params.opacity, 0u));
 }

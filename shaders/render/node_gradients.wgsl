@@ -6,6 +6,7 @@
 
 struct Gradients {
     nodes: u32,
+    tets: u32,
     // How long the direction at an end is.
     edge: f32,
 }
@@ -16,11 +17,14 @@ const NONE: u32 = 0xffffffffu;
 @group(0) @binding(1) var scalars: texture_2d<f32>;
 // First entry of node i in `around`, at i; the last at i + 1.
 @group(0) @binding(2) var firsts: texture_2d<u32>;
-// Of each tet at a node its four nodes; of each face at which something ends its three, in the
-// order that makes its normal point inwards, and NONE.
+// The tets at each node; and, counted on from their number, the faces at which something ends.
 @group(0) @binding(3) var around: texture_2d<u32>;
-@group(0) @binding(4) var gradients: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(5) var<uniform> params: Gradients;
+// The four nodes of each tet.
+@group(0) @binding(4) var tets: texture_2d<u32>;
+// Of each such face its three nodes, in the order that makes its normal point inwards, and NONE.
+@group(0) @binding(5) var ends: texture_2d<u32>;
+@group(0) @binding(6) var gradients: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(7) var<uniform> params: Gradients;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -34,7 +38,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var areas = 0.0;
     let last = textureLoad(firsts, at(i + 1u), 0).x;
     for (var k = textureLoad(firsts, at(i), 0).x; k < last; k++) {
-        let v = textureLoad(around, at(k), 0);
+        let t = textureLoad(around, at(k), 0).x;
+        var v: vec4<u32>;
+        if t < params.tets {
+            v = textureLoad(tets, at(t), 0);
+        } else {
+            v = textureLoad(ends, at(t - params.tets), 0);
+        }
         let p = textureLoad(positions, at(v.x), 0).xyz;
         let a = textureLoad(positions, at(v.y), 0).xyz - p;
         let b = textureLoad(positions, at(v.z), 0).xyz - p;

@@ -5,6 +5,7 @@
 #import lib/view
 #import lib/tet
 #import lib/sight
+#each reads #import terms/TERM
 #import lib/face
 
 // The first layer has none before it.
@@ -12,25 +13,18 @@ override FIRST: bool = false;
 // A pixel this opaque needs no further layers.
 override ENOUGH: f32 = 0.9995;
 
-@group(0) @binding(0) var projected: texture_2d<f32>;
-// Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face; sorted by that.
-@group(0) @binding(1) var boundary: texture_2d<u32>;
 // Depth bits and 4 tet + face of the layer before.
-@group(0) @binding(2) var before: texture_2d<u32>;
+@group(0) @binding(next) var before: texture_2d<u32>;
 // What the layers before gathered.
-@group(0) @binding(3) var gathered: texture_2d<f32>;
+@group(0) @binding(next) var gathered: texture_2d<f32>;
 // Draw arguments that depend on this layer, 8 words a layer of this parity.
-@group(0) @binding(4) var<storage, read_write> arguments: array<atomic<u32>>;
-@group(0) @binding(5) var<uniform> params: View;
+@group(0) @binding(next) var<storage, read_write> arguments: array<atomic<u32>>;
+@group(0) @binding(next) var<uniform> params: View;
 
 struct Corner {
     @invariant @builtin(position) position: vec4<f32>,
-    // The face's nodes, their ids and its code, the same at its three corners.
-    @location(0) @interpolate(flat) a: vec3<f32>,
-    @location(1) @interpolate(flat) b: vec3<f32>,
-    @location(2) @interpolate(flat) c: vec3<f32>,
-    @location(3) @interpolate(flat) ids: vec4<u32>,
-    @location(4) @interpolate(flat) layer: u32,
+    @location(0) @interpolate(flat) face: u32,
+    @location(1) @interpolate(flat) layer: u32,
 }
 
 @vertex
@@ -38,10 +32,13 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
     // Layer k draws vertices k n .. (k + 1) n of an n-vertex boundary, and so learns k.
     let layer = index / params.corners;
     let corner = index - layer * params.corners;
-    let face = face_of(corner / 3u);
     // Depth is each fragment's own.
-    let position = vec4(face.corners[corner % 3u], 0.5, 1.0);
-    return Corner(position, face.nodes[0], face.nodes[1], face.nodes[2], face.ids, layer);
+    if BACK {
+        let face = corner / 3u;
+        return Corner(vec4(face_of(face).corners[corner % 3u], 0.5, 1.0), face, layer);
+    }
+    let cover = cover_at(corner);
+    return Corner(vec4(bitcast<vec2<f32>>(cover.xy), 0.5, 1.0), cover.z, layer);
 }
 
 struct Start {
@@ -53,16 +50,18 @@ struct Start {
 @fragment
 fn fragment(corner: Corner) -> Start {
     let pixel = vec2<u32>(corner.position.xy);
-    let ids = corner.ids;
+    let ids = face_ids(corner.face);
     var last = vec2(0u, NONE);
     if !FIRST {
         last = textureLoad(before, pixel, 0).xy;
-        // Where the layer before found nothing, this one finds nothing; and it is not the same.
+        // Where the layer before found nothing, this one finds nothing; and it is not the same,
+        // however its depth is rounded here.
         if last.y == NONE || ids.w == last.y {
             discard;
         }
     }
-    let met = hit(corner.a, corner.b, corner.c, ids, sight_at(params, corner.position.xy));
+    let sight = sight_at(params, corner.position.xy);
+    let met = hit(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz, ids, sight);
     if !met.found {
         discard;
     }

@@ -4,6 +4,16 @@
 //     s(x) = g · (x - v0) + s0,  clamped to the tet's range.
 // After Tejada & Ertl (2005), section 5.1. The ray's parameter is z of camera space.
 
+#each reads #import terms/TERM
+// One scalar a tet, if CELLS.
+@group(0) @binding(next) var cells: texture_2d<f32>;
+// If LIT or RESTING: the four nodes of each tet, their positions, and if LIT the gradient at each
+// (in w the share of light that comes there, if SHADOWED).
+@group(0) @binding(next) var tets: texture_2d<u32>;
+@group(0) @binding(next) var positions: texture_2d<f32>;
+@group(0) @binding(next) var gradients: texture_2d<f32>;
+
+#each table #import terms/TERM
 #import lib/array
 #import lib/view
 #import lib/tet
@@ -11,21 +21,11 @@
 #import lib/sight
 #import lib/walk_frame
 
-// Eight texels a tet; see refresh_geometry.wgsl.
-@group(0) @binding(0) var records: texture_2d<u32>;
-// One scalar a tet, if CELLS.
-@group(0) @binding(1) var cells: texture_2d<f32>;
-// If LIT or RESTING: the four nodes of each tet, their positions, and if LIT the gradient at each.
-@group(0) @binding(2) var tets: texture_2d<u32>;
-@group(0) @binding(3) var positions: texture_2d<f32>;
-@group(0) @binding(4) var gradients: texture_2d<f32>;
-
 // A walk that ends farther than this outside the tet it was in last, in local units, is lost.
 const STRAY: f32 = 1e-3;
 
 fn record(t: u32, k: u32) -> vec4<u32> {
-    let i = t * 8u + k;
-    return textureLoad(records, at(i), 0);
+    return record_at(t * 8u + k);
 }
 
 fn plane(t: u32, k: u32) -> vec4<f32> {
@@ -71,7 +71,11 @@ fn spot_at(t: u32, ray: Ray, z: f32) -> Spot {
     w /= max(w.x + w.y + w.z + w.w, 1e-30);
     for (var k = 0u; k < 4u; k++) {
         if LIT {
-            spot.gradient += w[k] * textureLoad(gradients, at(ids[k]), 0).xyz;
+            let lit = textureLoad(gradients, at(ids[k]), 0);
+            spot.gradient += w[k] * lit.xyz;
+            if SHADOWED {
+                spot.bright += w[k] * lit.w;
+            }
         }
         if RESTING {
             spot.rest += w[k] * textureLoad(rests, at(ids[k]), 0).xyz;
@@ -88,19 +92,18 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     let slant = dot(entry.xyz, ray.run);
     let start = (entry.w - dot(entry.xyz, ray.foot)) / select(slant, -1e-12, abs(slant) < 1e-12);
     var here = spot_at(code >> 2u, ray, select(start, max(start, params.near), BACKWARDS));
+    let cap = params.cap;
     var mark = NONE;
     var steps = 0u;
     var dead = false;
     var last = code >> 2u;
     loop {
         let t = at_face >> 2u;
-        if at_face == NONE || t == mark || steps >= params.cap || is_opaque(sum) {
+        if (at_face == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) {
             break;
         }
         // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
-        if (steps & (steps - 1u)) == 0u {
-            mark = t;
-        }
+        mark = select(mark, t, (steps & (steps - 1u)) == 0u);
         steps += 1u;
         last = t;
         if CELLS {

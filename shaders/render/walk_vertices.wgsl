@@ -6,6 +6,15 @@
 // The ray is the origin of a plane: vertex (x, y, z) is seen at (x, y) - origin - slope z, and the
 // weights of a point in face ABC are the areas (B × C, C × A, A × B) over their sum.
 
+#each reads #import terms/TERM
+// The four nodes of each tet.
+@group(0) @binding(next) var tets: texture_2d<u32>;
+// One scalar a tet, if CELLS.
+@group(0) @binding(next) var cells: texture_2d<f32>;
+// The gradient at each node, if LIT; in w the share of light that comes there, if SHADOWED.
+@group(0) @binding(next) var gradients: texture_2d<f32>;
+
+#each table #import terms/TERM
 #import lib/array
 #import lib/view
 #import lib/tet
@@ -13,25 +22,14 @@
 #import lib/sight
 #import lib/walk_frame
 
-@group(0) @binding(0) var projected: texture_2d<f32>;
-// The four nodes of each tet.
-@group(0) @binding(1) var tets: texture_2d<u32>;
-// Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
-// exclusive or of its nodes.
-@group(0) @binding(2) var links: texture_2d<u32>;
-// One scalar a tet, if CELLS.
-@group(0) @binding(3) var cells: texture_2d<f32>;
-// The gradient at each node, if LIT.
-@group(0) @binding(4) var gradients: texture_2d<f32>;
-
 // Node i as seen along the ray: (x, y) off the ray, z, scalar.
 fn seen(i: u32, sight: Sight) -> vec4<f32> {
-    let q = textureLoad(projected, at(i), 0);
+    let q = projected_at(i);
     return vec4(off_ray(q.xyz, sight), q.zw);
 }
 
-fn gradient_at(i: u32) -> vec3<f32> {
-    return textureLoad(gradients, at(i), 0).xyz;
+fn gradient_at(i: u32) -> vec4<f32> {
+    return textureLoad(gradients, at(i), 0);
 }
 
 fn rest_of(i: u32) -> vec3<f32> {
@@ -60,9 +58,9 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var here: Spot;
     here.z = clamp(dot(w, vec3(a.z, b.z, c.z)) * start_share, min(a.z, min(b.z, c.z)), max(a.z, max(b.z, c.z)));
     here.s = clamp(dot(w, vec3(a.w, b.w, c.w)) * start_share, min(a.w, min(b.w, c.w)), max(a.w, max(b.w, c.w)));
-    var ga = vec3(0.0);
-    var gb = vec3(0.0);
-    var gc = vec3(0.0);
+    var ga = vec4(0.0);
+    var gb = vec4(0.0);
+    var gc = vec4(0.0);
     var ra = vec3(0.0);
     var rb = vec3(0.0);
     var rc = vec3(0.0);
@@ -76,19 +74,21 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         ga = gradient_at(ia);
         gb = gradient_at(ib);
         gc = gradient_at(ic);
-        here.gradient = (w.x * ga + w.y * gb + w.z * gc) * start_share;
+        here.gradient = (w.x * ga.xyz + w.y * gb.xyz + w.z * gc.xyz) * start_share;
+        if SHADOWED {
+            here.bright = (w.x * ga.w + w.y * gb.w + w.z * gc.w) * start_share;
+        }
     }
     var last = t;
+    let cap = params.cap;
     var mark = NONE;
     var steps = 0u;
     loop {
-        if t == NONE || t == mark || steps >= params.cap || is_opaque(sum) {
+        if (t == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) {
             break;
         }
         // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
-        if (steps & (steps - 1u)) == 0u {
-            mark = t;
-        }
+        mark = select(mark, t, (steps & (steps - 1u)) == 0u);
         steps += 1u;
         last = t;
         let id = all ^ ia ^ ib ^ ic;
@@ -97,13 +97,13 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         let db = cross2(b.xy, d.xy);
         let dc = cross2(c.xy, d.xy);
         // Which of a, b and c is left behind: the ray leaves through the other two and d.
-        let drop_c = da <= 0.0 && db >= 0.0;
-        let drop_b = da > 0.0 && dc <= 0.0;
-        let drop_a = !(drop_b || drop_c);
+        let drop_c = (da <= 0.0) & (db >= 0.0);
+        let drop_b = (da > 0.0) & (dc <= 0.0);
+        let drop_a = !(drop_b | drop_c);
         let dropped = select(select(ia, ib, drop_b), ic, drop_c);
         let rank = select(0u, 1u, ia < dropped) + select(0u, 1u, ib < dropped)
             + select(0u, 1u, ic < dropped) + select(0u, 1u, id < dropped);
-        let link = textureLoad(links, at(t * 4u + rank), 0);
+        let link = link_at(t * 4u + rank);
         a = select(a, d, drop_a);
         b = select(b, d, drop_b);
         c = select(c, d, drop_c);
@@ -122,7 +122,10 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             ga = select(ga, gd, drop_a);
             gb = select(gb, gd, drop_b);
             gc = select(gc, gd, drop_c);
-            next.gradient = (w.x * ga + w.y * gb + w.z * gc) * share;
+            next.gradient = (w.x * ga.xyz + w.y * gb.xyz + w.z * gc.xyz) * share;
+            if SHADOWED {
+                next.bright = (w.x * ga.w + w.y * gb.w + w.z * gc.w) * share;
+            }
         }
         if RESTING {
             let rd = rest_of(id);

@@ -18,7 +18,7 @@ const AWAY: f32 = 1.5707964 + 0.035;
 @group(0) @binding(0) var triangles: texture_2d<u32>;
 @group(0) @binding(1) var outlooks: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read> arguments: array<u32, 6>;
-// For every 32 triangles: which are drawn, and how many before them (by `cull_scan`).
+// For every 32 triangles: which are drawn, and how many before them (by `gpu/scan_marks`).
 @group(0) @binding(3) var<storage, read_write> marks: array<u32>;
 @group(0) @binding(4) var<uniform> params: Cull;
 

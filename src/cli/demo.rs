@@ -3,8 +3,8 @@
 use super::{Outcome, progress, tell};
 use clap::Args;
 use palpate::gpu::Gpu;
-use palpate::io::{self, PvdSeries};
-use palpate::render::Image;
+use palpate::io::PvdSeries;
+use palpate::render::{Background, Film, Image};
 use palpate::scene::{Scene, Stage};
 use palpate::{Error, Result};
 use std::path::PathBuf;
@@ -13,8 +13,8 @@ use std::path::PathBuf;
 const SCENE: &str = include_str!("../../data/scenes/limb.toml");
 /// Its transfer function, in Hounsfield units.
 const TRANSFER: &str = include_str!("../../data/limb.json");
-/// Time a frame is shown in the animation, in ms.
-const FRAME_MS: u32 = 60;
+/// Frames of the animation a second.
+const FPS: f64 = 16.0;
 
 /// Arguments of `demo`.
 #[derive(Args)]
@@ -67,7 +67,7 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
         Ok(())
     })?;
     stage.save(out.join("bent.png"))?;
-    save_gif(&out.join("bend.gif"), &pictures)?;
+    save_film(&out.join("bend.gif"), &pictures)?;
     tell(&[format!(
         "{0}/rest.png, {0}/bent.png, {0}/bend.gif, and {0}/bend.pvd for ParaView",
         out.display()
@@ -76,29 +76,14 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
 }
 
 /// An endless animation, there and back again.
-fn save_gif(path: &std::path::Path, pictures: &[Image]) -> Result<()> {
-    use image::codecs::gif::{GifEncoder, Repeat};
+fn save_film(path: &std::path::Path, pictures: &[Image]) -> Result<()> {
+    let Some(first) = pictures.first() else {
+        return Ok(());
+    };
+    let mut film = Film::create(path, first.size, FPS)?;
     let back = pictures.iter().rev().skip(1);
-    io::atomic_write(path, |file| {
-        // 10 of 1 (best) to 30 (fastest).
-        let mut gif = GifEncoder::new_with_speed(file, 10);
-        let encoded = gif.set_repeat(Repeat::Infinite).and_then(|()| {
-            pictures
-                .iter()
-                .chain(back)
-                .try_for_each(|p| gif.encode_frame(frame_of(p)))
-        });
-        encoded.map_err(|e| Error::format(path, format!("cannot be encoded: {e}")))
-    })
-}
-
-fn frame_of(picture: &Image) -> image::Frame {
-    let [width, height] = picture.size;
-    let buffer = image::RgbaImage::from_fn(width, height, |x, y| {
-        let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
-        let p = picture.pixel(x, y);
-        image::Rgba([byte(p[0]), byte(p[1]), byte(p[2]), 255])
-    });
-    let delay = image::Delay::from_numer_denom_ms(FRAME_MS, 1);
-    image::Frame::from_parts(buffer, 0, 0, delay)
+    for picture in pictures.iter().chain(back) {
+        film.push(picture, Background::Black)?;
+    }
+    film.finish()
 }

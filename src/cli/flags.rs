@@ -1,6 +1,7 @@
 //! The flags every picture needs, laid over a scene's values.
 
 use clap::Args;
+use palpate::annotate::Axes;
 use palpate::physics::{EngineChoice, MaterialModel, VolumeModel};
 use palpate::render::{Isosurface, Light};
 use palpate::scene::{IsosurfaceEntry, PlaneEntry, Scene, Unit};
@@ -18,7 +19,7 @@ pub struct SceneFlags {
     /// Smallest and largest value of the field, LOW,HIGH, which stand for what is beyond them
     #[arg(long, help_heading = "Picture", value_parser = pair, allow_hyphen_values = true)]
     pub range: Option<Pair>,
-    /// Transfer function: a JSON file or a preset (an unknown name lists them)
+    /// Transfer function: a JSON file or a preset (`palpate presets` lists them)
     #[arg(long, help_heading = "Picture")]
     pub transfer: Option<String>,
     /// Picture size in pixels, WIDTHxHEIGHT [default: 1024x768]
@@ -42,6 +43,17 @@ pub struct SceneFlags {
         allow_hyphen_values = true
     )]
     pub light: Option<Light>,
+    /// Shadows that the body throws into itself, so dark (0 to 1): of the head light, how little of
+    /// the sky a place sees [default: none; 0.7 without a number]
+    #[arg(
+        long,
+        value_name = "DARK",
+        help_heading = "Picture",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "0.7"
+    )]
+    pub shadows: Option<f64>,
     /// Cuts off what lies beyond a plane: a point and the normal, x,y,z,nx,ny,nz, in the mesh's
     /// units; may be given more than once
     #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
@@ -73,6 +85,14 @@ pub struct SceneFlags {
     /// Draws slices and isosurfaces alone, without the volume
     #[arg(long, help_heading = "Inside")]
     pub no_volume: bool,
+    /// Regions that are not drawn, by name or label, with commas between
+    #[arg(
+        long,
+        value_name = "REGIONS",
+        help_heading = "Inside",
+        value_delimiter = ','
+    )]
+    pub hide: Vec<String>,
     /// Root mean square error the picture may have, in 1/255: the cheapest settings measured to
     /// keep to it are taken [default: 0.5]
     #[arg(long, value_name = "TOLERANCE", help_heading = "Picture")]
@@ -83,6 +103,35 @@ pub struct SceneFlags {
     /// Bits a channel of a PNG: 8 or 16 [default: 8]
     #[arg(long, help_heading = "Picture")]
     pub bits: Option<u32>,
+    /// Samples a pixel, 1, 4, 9, 16 and so on: the picture is drawn so many times as large, 4 being
+    /// twice each way, and averaged [default: 4 with skins and of a lit boundary, 1 otherwise]
+    #[arg(long, value_name = "N", help_heading = "Picture")]
+    pub samples: Option<u32>,
+    /// Draws a bar of the field's colours, or the regions by name, at the right; a strip beside it
+    /// is as opaque as a tenth of the mesh's extent. On PNGs and films, as all of these
+    #[arg(long, help_heading = "Around the picture")]
+    pub legend: bool,
+    /// Draws a bar of a round length, in the mesh's unit or metres where that is known; exact with
+    /// --orthographic, else the length at the distance of the point looked at
+    #[arg(long, help_heading = "Around the picture")]
+    pub scale_bar: bool,
+    /// Draws the axes x, y and z; or, of a mesh in RAS as those of scans are, the letters R L A P S
+    /// I at the picture's edges
+    #[arg(
+        long,
+        value_name = "AXES",
+        num_args = 0..=1,
+        default_missing_value = "xyz",
+        value_parser = axes,
+        help_heading = "Around the picture"
+    )]
+    pub axes: Option<Axes>,
+    /// A line of text above the picture
+    #[arg(long, value_name = "TEXT", help_heading = "Around the picture")]
+    pub title: Option<String>,
+    /// Draws the simulated time
+    #[arg(long, help_heading = "Around the picture")]
+    pub time: bool,
 
     /// Camera position x,y,z in the mesh's units; default: all that moves is framed
     #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
@@ -210,10 +259,19 @@ impl SceneFlags {
         over(given.walk, &mut scene.picture.walk);
         over(given.background, &mut scene.picture.background);
         over(given.light, &mut scene.light.from);
+        over(given.shadows, &mut scene.light.shadows);
         self.add_inside(&mut scene);
+        scene.picture.hide.extend(given.hide);
         over(given.quality, &mut scene.picture.quality);
         over(given.layers, &mut scene.picture.layers);
         over(given.bits, &mut scene.picture.bits);
+        over(given.samples, &mut scene.picture.samples);
+        over(given.legend.then_some(true), &mut scene.picture.legend);
+        let bar = given.scale_bar.then_some(true);
+        over(bar, &mut scene.picture.scale_bar);
+        over(given.axes, &mut scene.picture.axes);
+        over(given.title, &mut scene.picture.title);
+        over(given.time.then_some(true), &mut scene.picture.time);
         if given.fov.is_some() {
             scene.camera.orthographic = None;
         }
@@ -324,7 +382,7 @@ fn pair(text: &str) -> Result<Pair, String> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triple(pub [f64; 3]);
 
-fn triple(text: &str) -> Result<Triple, String> {
+pub(super) fn triple(text: &str) -> Result<Triple, String> {
     let numbers: Vec<f64> = text
         .split(',')
         .map(|t| f64::from_str(t.trim()).map_err(|_| format!("\"{t}\" is not a number")))
@@ -347,6 +405,14 @@ fn six(text: &str) -> Result<Six, String> {
             "six finite numbers are expected: x,y,z,nx,ny,nz of a plane, x,y,z,x,y,z of a box"
                 .into(),
         ),
+    }
+}
+
+fn axes(text: &str) -> Result<Axes, String> {
+    match text {
+        "xyz" => Ok(Axes::Xyz),
+        "anatomical" => Ok(Axes::Anatomical),
+        _ => Err("axes are xyz (where nothing is said) or anatomical".into()),
     }
 }
 

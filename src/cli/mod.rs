@@ -4,9 +4,12 @@ mod bake;
 mod compare;
 mod convert;
 mod demo;
+mod film;
 mod flags;
 mod info;
 mod mesh;
+mod presets;
+mod press;
 mod progress;
 mod render;
 mod simulate;
@@ -39,6 +42,8 @@ enum Command {
     Render(Box<render::RenderArguments>),
     /// Draw and write every frame of a simulation, or of a series recorded before
     Simulate(Box<simulate::SimulateArguments>),
+    /// Press on a body with a fingertip and let go: pictures, a film, force against depth
+    Press(Box<press::PressArguments>),
     /// Make a tetrahedral mesh of a scan, a segmentation or closed surfaces; or a surface of one
     Mesh(Box<mesh::MeshArguments>),
     /// Write a mesh or a surface in another format
@@ -54,6 +59,8 @@ enum Command {
     Study(study::StudyArguments),
     /// Find the cheapest settings of a scene that are as accurate as asked for, on this machine
     Tune(tune::TuneArguments),
+    /// List the presets of transfer functions by name, or draw them all on one sheet
+    Presets(presets::PresetsArguments),
     /// List the graphics adapters, best first
     Adapters,
 }
@@ -102,6 +109,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Info(arguments) => info::run(arguments),
         Command::Render(arguments) => render::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Simulate(arguments) => simulate::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Press(arguments) => press::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Mesh(arguments) => mesh::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Bake(arguments) => bake::run(arguments),
@@ -110,6 +118,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         #[cfg(feature = "study")]
         Command::Study(arguments) => study::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Tune(arguments) => tune::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Presets(arguments) => presets::run(arguments),
         Command::Adapters => adapters(adapter),
     }
 }

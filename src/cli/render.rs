@@ -1,9 +1,11 @@
 //! `palpate render`: deform, draw one picture.
 
+use super::film::FilmFlags;
 use super::flags::{MeasureFlags, SceneFlags};
 use super::{Outcome, progress};
 use clap::Args;
 use glam::DVec2;
+use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
@@ -17,7 +19,7 @@ pub struct RenderArguments {
     /// A mesh, a scene (.toml), or a series of frames (.pvd), of which the last is drawn
     input: PathBuf,
     /// The picture: .png, or .exr for the raw values
-    #[arg(long, short, required_unless_present = "pick")]
+    #[arg(long, short, required_unless_present_any = ["pick", "film"])]
     out: Option<PathBuf>,
     /// Say as JSON what of the body is seen at the middle of pixel X,Y, counted from 0 at the
     /// upper left: node, tet, point, region; null where there is nothing
@@ -26,6 +28,18 @@ pub struct RenderArguments {
     /// Also write the deformed mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp)
     #[arg(long)]
     mesh_out: Option<PathBuf>,
+    #[command(flatten)]
+    film: FilmFlags,
+    /// Frames of the film
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 36,
+        help_heading = "Film",
+        requires = "film",
+        value_parser = clap::value_parser!(u32).range(1..)
+    )]
+    frames: u32,
     #[command(flatten)]
     scene: SceneFlags,
     #[command(flatten)]
@@ -38,6 +52,8 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         // Before the work: a name that cannot be written is known to be one.
         MeshFormat::of(path)?;
     }
+    let film = arguments.film.going_round()?;
+    film.check()?;
     let series = super::is_series(&arguments.input)
         .then(|| io::read_pvd(&arguments.input))
         .transpose()?;
@@ -50,6 +66,14 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     });
     let mut stage = progress::during("preparing", || Stage::new(gpu, &scene))?;
     super::tell(stage.notes());
+    if let Some(frame) = last {
+        let frames = series.iter().flatten();
+        let before = frames.map(|f| f.time).filter(|time| *time < frame.time);
+        stage.tell_time(FrameTime {
+            seconds: frame.time,
+            resolution: frame.time - before.fold(f64::NEG_INFINITY, f64::max),
+        });
+    }
     let steps = stage.steps();
     let outcome = progress::over("steps", u64::from(steps), |bar| {
         progress::run(&mut stage, steps, &mut |done, iterations| {
@@ -63,7 +87,11 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     // Also when the simulation failed: its last good state is worth a look.
     if let Some(out) = &arguments.out {
         progress::during("drawing", || stage.save(out))?;
-        super::tell(&stage.field_note().into_iter().collect::<Vec<_>>());
+        let notes = stage.field_note().into_iter();
+        super::tell(&notes.chain(stage.annotation_note(out)).collect::<Vec<_>>());
+    }
+    if film.is_wanted() {
+        go_round(&mut stage, &film, arguments.frames)?;
     }
     if let Some(path) = &arguments.mesh_out {
         super::tell(&io::write(path, &stage.deformed_mesh()?)?);
@@ -92,6 +120,28 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         }
     }
     Ok(Outcome::Done)
+}
+
+/// A film of what is drawn, the camera going round it.
+fn go_round(stage: &mut Stage, film: &FilmFlags, frames: u32) -> palpate::Result<()> {
+    let before = *stage.camera_mut();
+    film.frame(stage, &[])?;
+    let starts = *stage.camera_mut();
+    let Some(mut file) = film.begin(stage)? else {
+        return Ok(());
+    };
+    progress::over("frames", u64::from(frames), |bar| -> palpate::Result<()> {
+        for frame in 0..frames {
+            // The last frame is a step before the first, so that the film can begin again.
+            let share = f64::from(frame) / f64::from(frames);
+            *stage.camera_mut() = film.camera(&starts, share);
+            stage.film(&mut file)?;
+            bar.inc(1);
+        }
+        Ok(())
+    })?;
+    *stage.camera_mut() = before;
+    file.finish()
 }
 
 /// What is seen at `pixel`, or null.

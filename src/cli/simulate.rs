@@ -1,11 +1,14 @@
 //! `palpate simulate`: pictures and meshes of every frame.
 
+use super::film::{self, FilmFlags};
 use super::flags::SceneFlags;
 use super::{Outcome, progress};
 use clap::Args;
 use glam::DVec3;
+use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
+use palpate::render::{Camera, Film};
 use palpate::scene::{Checkpoint, ReactionLog, Run, Stage};
 use std::path::{Path, PathBuf};
 
@@ -21,7 +24,7 @@ pub struct SimulateArguments {
     #[arg(long, short)]
     out: PathBuf,
     /// Draw no pictures
-    #[arg(long, conflicts_with = "no_meshes")]
+    #[arg(long)]
     no_pictures: bool,
     /// Write no meshes
     #[arg(long)]
@@ -31,14 +34,22 @@ pub struct SimulateArguments {
     #[arg(long, value_name = "FILE.csv")]
     reactions: Option<PathBuf>,
     /// Go on where a run into the same folder was interrupted, or with more frames
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["film", "orbit"])]
     resume: bool,
+    #[command(flatten)]
+    film: FilmFlags,
     #[command(flatten)]
     scene: SceneFlags,
 }
 
 /// Simulates, or plays a series back, and draws every frame.
 pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
+    arguments.film.check()?;
+    if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_wanted() {
+        anyhow::bail!(
+            "--no-pictures and --no-meshes leave nothing to write: leave one of them out, or make a film (--film FILE.gif)"
+        );
+    }
     std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
     if super::is_series(&arguments.input) {
         if arguments.resume {
@@ -70,7 +81,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     let steps = scene.solver.steps.unwrap_or(1);
     let ahead = Run {
         steps: steps.saturating_mul(arguments.frames),
-        drawn: !arguments.no_pictures,
+        drawn: !arguments.no_pictures || arguments.film.is_wanted(),
     };
     // What was chosen for the run that is resumed stays, however many frames it is to have now.
     scene.solver.run = checkpoint.as_ref().map_or(Some(ahead), |kept| kept.run());
@@ -78,9 +89,11 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     super::tell(stage.notes());
     if stage.motion().is_none() {
         anyhow::bail!(
-            "nothing moves: name a solver in the scene or with --solver (implicit, for example)"
+            "nothing moves: name a solver in the scene or with --solver (implicit, for example); palpate render {0} --film FILE.gif goes round a body at rest",
+            arguments.input.display()
         );
     }
+    arguments.film.frame(&mut stage, &[])?;
     let mut times = Vec::new();
     if let Some(checkpoint) = checkpoint {
         take_up(&mut stage, &kept, &checkpoint, gpu)?;
@@ -114,7 +127,8 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
             })
         }
     };
-    progress::over(
+    let mut pictures = Pictures::begin(arguments, &mut stage, &name)?;
+    let done = progress::over(
         "frames",
         u64::from(arguments.frames),
         |bar| -> palpate::Result<()> {
@@ -130,9 +144,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                     }),
                 };
                 // Also when the simulation failed: its last good state is the last frame.
-                if !arguments.no_pictures {
-                    draw(&mut stage, &arguments.out, &name, frame)?;
-                }
+                pictures.draw(&mut stage, frame, arguments.frames)?;
                 if let Some(series) = &mut series {
                     stage.push(series)?;
                 }
@@ -146,7 +158,10 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
             }
             Ok(())
         },
-    )?;
+    );
+    let film = pictures.end();
+    done?;
+    film?;
     super::tell(&stage.field_note().into_iter().collect::<Vec<_>>());
     Ok(Outcome::Done)
 }
@@ -210,13 +225,17 @@ fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
             DVec3::new(pick(0), pick(1), pick(2))
         }));
     }
-    stage.frame(&reach)?;
+    arguments.film.frame(&mut stage, &reach)?;
     let name = arguments
         .input
         .file_stem()
         .unwrap_or_default()
         .to_string_lossy()
         .into_owned();
+    let last = frames.len().saturating_sub(1) as u32;
+    let resolution = frames.windows(2).map(|two| two[1].time - two[0].time);
+    let resolution = resolution.fold(f64::INFINITY, f64::min);
+    let mut pictures = Pictures::begin(arguments, &mut stage, &name)?;
     progress::over(
         "frames",
         frames.len() as u64,
@@ -229,17 +248,63 @@ fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
                         format!("is no frame of the same mesh: {e}"),
                     )
                 })?;
-                draw(&mut stage, &arguments.out, &name, i as u32)?;
+                stage.tell_time(FrameTime {
+                    seconds: frame.time,
+                    resolution,
+                });
+                pictures.draw(&mut stage, i as u32, last)?;
                 bar.inc(1);
             }
             Ok(())
         },
     )?;
+    pictures.end()?;
     Ok(Outcome::Done)
 }
 
-fn draw(stage: &mut Stage, folder: &Path, name: &str, frame: u32) -> palpate::Result<()> {
-    let extension = stage.picture_extension();
-    let path = folder.join(format!("{name}_{frame:04}.{extension}"));
-    stage.save(path)
+/// The pictures of a run, as files and as a film.
+struct Pictures<'a> {
+    arguments: &'a SimulateArguments,
+    name: &'a str,
+    film: Option<Film>,
+    /// The view of the first frame.
+    starts: Camera,
+    filmed: bool,
+}
+
+impl<'a> Pictures<'a> {
+    fn begin(
+        arguments: &'a SimulateArguments,
+        stage: &mut Stage,
+        name: &'a str,
+    ) -> palpate::Result<Pictures<'a>> {
+        Ok(Pictures {
+            arguments,
+            name,
+            film: arguments.film.begin(stage)?,
+            starts: *stage.camera_mut(),
+            filmed: false,
+        })
+    }
+
+    /// Draws `frame` of a run whose last one is `last`.
+    fn draw(&mut self, stage: &mut Stage, frame: u32, last: u32) -> palpate::Result<()> {
+        let share = f64::from(frame) / f64::from(last.max(1));
+        *stage.camera_mut() = self.arguments.film.camera(&self.starts, share);
+        if !self.arguments.no_pictures {
+            let extension = stage.picture_extension();
+            let file = format!("{}_{frame:04}.{extension}", self.name);
+            stage.save(self.arguments.out.join(file))?;
+        }
+        if let Some(film) = &mut self.film {
+            stage.film(film)?;
+            self.filmed = true;
+        }
+        Ok(())
+    }
+
+    /// Ends the film: also of a run that failed, as far as it came.
+    fn end(self) -> palpate::Result<()> {
+        film::end(self.film, self.filmed)
+    }
 }

@@ -18,8 +18,16 @@ mod gpu_data {
     }
 }
 
-/// Texels in a row of an [`Array`]; `lib/array.wgsl` has the same number.
-pub const ROW: u32 = 4096;
+/// Texels in a full row of an [`Array`]; `lib/array.wgsl` has the same number. With as many rows
+/// it is the largest texture that every WebGPU device has.
+pub const ROW: u32 = 8192;
+/// An array of one row is as wide as it needs to be, in steps of so many texels.
+const WIDTH_STEP: u32 = 256;
+/// Uploads go in pieces of at most so many bytes, each submitted by itself, so that what stages
+/// them does not grow with the array.
+const UPLOAD: usize = 32 << 20;
+/// Single items sent at a time: storage buffers of 16 MiB.
+const PUT: usize = 1 << 20;
 
 /// What one item of an [`Array`] is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,7 +79,8 @@ impl Version {
     }
 }
 
-/// A GPU-resident array of `len` items, item i at texel (i mod [`ROW`], i / [`ROW`]).
+/// A GPU-resident array of `len` items, item i at texel (i mod [`ROW`], i / [`ROW`]). Where they
+/// fit one row, the texture may be narrower than that.
 ///
 /// It knows how often it was written: by passes recorded, copies and uploads. Who depends on its
 /// content compares [`Array::version`]; nobody has to tell them. Clones share texture and version.
@@ -130,6 +139,12 @@ impl Array {
     }
 }
 
+/// Width and height of the texture that holds `items`.
+pub(crate) fn array_size(items: u32) -> [u32; 2] {
+    let width = items.max(1).next_multiple_of(WIDTH_STEP).min(ROW);
+    [width, items.div_ceil(ROW).max(1)]
+}
+
 impl Bind for Array {
     fn resource(&self) -> Resource<'_> {
         Resource::Texture(&self.view)
@@ -168,19 +183,24 @@ impl Gpu {
         self.array_with_room(label, texel, len, len / 8 + 1024)
     }
 
+    /// The most items that an [`Array`] on this device can have.
+    pub fn most_items(&self) -> usize {
+        // Items are counted by u32.
+        let rows = (u32::MAX / ROW).min(self.device().limits().max_texture_dimension_2d);
+        ROW as usize * rows as usize
+    }
+
     fn array_with_room(&self, label: &str, texel: Texel, len: usize, room: usize) -> Result<Array> {
-        let side = self.device().limits().max_texture_dimension_2d;
-        let capacity = u64::from(ROW) * u64::from(side);
-        if len as u64 > capacity {
+        let most = self.most_items();
+        if len > most {
             return Err(Error::Gpu(format!(
-                "array \"{label}\" of {len} items exceeds the {capacity} this device can hold in one texture; use a smaller mesh"
+                "array \"{label}\" of {len} items exceeds the {most} this device can hold in one texture; use a smaller mesh"
             )));
         }
-        let rows = (len + room).min(capacity as usize).div_ceil(ROW as usize);
-        let rows = (rows as u32).max(1);
+        let [width, rows] = array_size(len.saturating_add(room).min(most) as u32);
         let texture = self.texture(
             label,
-            [ROW, rows, 1],
+            [width, rows, 1],
             texel.format(),
             wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::STORAGE_BINDING
@@ -188,7 +208,7 @@ impl Gpu {
                 | wgpu::TextureUsages::COPY_DST,
         )?;
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        self.count_bytes(u64::from(ROW) * u64::from(rows) * u64::from(texel.bytes()));
+        self.count_bytes(u64::from(width) * u64::from(rows) * u64::from(texel.bytes()));
         Ok(Array {
             texture,
             view,
@@ -228,7 +248,8 @@ impl Gpu {
         Ok(array)
     }
 
-    /// Replaces the whole content of `array`; it takes effect before the next submit.
+    /// Replaces the whole content of `array`; it takes effect before the next submit. Much of it
+    /// is submitted at once, piece by piece.
     ///
     /// # Errors
     /// [`Error::Gpu`] when the number or size of items differs from the array's.
@@ -266,42 +287,52 @@ impl Gpu {
             )));
         }
         array.touch();
-        // The rest of a row begun, whole rows, the beginning of a last one.
         let count = data.len() as u32;
+        // The rest of a row begun; whole rows; the beginning of a last one.
         let head = ((ROW - first % ROW) % ROW).min(count);
-        let full_rows = (count - head) / ROW;
-        let middle = head + full_rows * ROW;
-        let after = first.div_ceil(ROW);
-        for (x, row, rows, width, from, to) in [
-            (first % ROW, first / ROW, 1, head, 0, head),
-            (0, after, full_rows, ROW, head, middle),
-            (0, after + full_rows, 1, count - middle, middle, count),
-        ] {
-            let part = &bytes[(from * item) as usize..(to * item) as usize];
-            if part.is_empty() {
-                continue;
+        let most_rows = (UPLOAD as u32 / (ROW * item)).max(1);
+        let (mut from, mut pieces) = (0, 0);
+        while from < count {
+            let at = first + from;
+            let [width, rows] = match count - from {
+                _ if from < head => [head, 1],
+                rest if rest < ROW => [rest, 1],
+                rest => [ROW, (rest / ROW).min(most_rows)],
+            };
+            let to = from + width * rows;
+            let part = from as usize * item as usize..to as usize * item as usize;
+            pieces += part.len();
+            self.write_rows(array, [at % ROW, at / ROW], [width, rows], &bytes[part]);
+            from = to;
+            if pieces >= UPLOAD {
+                self.queue().submit([]);
+                pieces = 0;
             }
-            self.queue().write_texture(
-                wgpu::TexelCopyTextureInfo {
-                    texture: &array.texture,
-                    mip_level: 0,
-                    origin: wgpu::Origin3d { x, y: row, z: 0 },
-                    aspect: wgpu::TextureAspect::All,
-                },
-                part,
-                wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(width * item),
-                    rows_per_image: None,
-                },
-                wgpu::Extent3d {
-                    width,
-                    height: rows,
-                    depth_or_array_layers: 1,
-                },
-            );
         }
         Ok(())
+    }
+
+    /// Replaces a rectangle of texels.
+    fn write_rows(&self, array: &Array, [x, y]: [u32; 2], [width, height]: [u32; 2], bytes: &[u8]) {
+        self.queue().write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture: &array.texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x, y, z: 0 },
+                aspect: wgpu::TextureAspect::All,
+            },
+            bytes,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(width * array.texel.bytes()),
+                rows_per_image: None,
+            },
+            wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+        );
     }
 
     /// Makes `array` one of `len` items, of which those it had are kept. It stays the same texture
@@ -362,24 +393,24 @@ impl Gpu {
                 array.texel.bytes()
             )));
         }
-        if places.is_empty() {
-            return Ok(());
+        for (places, items) in places.chunks(PUT).zip(items.chunks(PUT)) {
+            let params = gpu_data::Put {
+                items: places.len() as u32,
+            };
+            let places = self.buffer_of("places", places)?;
+            let items = self.buffer_of("items", items)?;
+            let pass = self
+                .pass(shader)
+                .read(&places)
+                .read(&items)
+                .write(array)
+                .params(&params)
+                .over(params.items)?;
+            let mut work = self.record();
+            pass.record(&mut work);
+            work.submit()?;
         }
-        let params = gpu_data::Put {
-            items: places.len() as u32,
-        };
-        let places = self.buffer_of("places", places)?;
-        let items = self.buffer_of("items", items)?;
-        let pass = self
-            .pass(shader)
-            .read(&places)
-            .read(&items)
-            .write(array)
-            .params(&params)
-            .over(params.items)?;
-        let mut work = self.record();
-        pass.record(&mut work);
-        work.submit()
+        Ok(())
     }
 
     /// A zeroed buffer for storage, indirect arguments, copies, vertices and indices.

@@ -124,7 +124,10 @@ impl<'a> Sentence<'a> {
                 wgpu::BindingType::Buffer {
                     ty: wgpu::BufferBindingType::Storage { read_only: false },
                     ..
-                } | wgpu::BindingType::StorageTexture { .. }
+                } | wgpu::BindingType::StorageTexture {
+                    access: wgpu::StorageTextureAccess::WriteOnly,
+                    ..
+                }
             );
             layout_entries.push(wgpu::BindGroupLayoutEntry {
                 binding: *binding,
@@ -339,10 +342,22 @@ fn image_type(
                 format: declared,
                 access,
             },
-            Word::Write(_),
+            Word::Write(_) | Word::Read(_),
         ) => {
-            if access != naga::StorageAccess::STORE {
-                return Err("storage textures are written only; declare it `write`".into());
+            let (wanted, given, word) = match word {
+                Word::Write(_) => (
+                    naga::StorageAccess::STORE,
+                    "write",
+                    wgpu::StorageTextureAccess::WriteOnly,
+                ),
+                _ => (
+                    naga::StorageAccess::LOAD,
+                    "read",
+                    wgpu::StorageTextureAccess::ReadOnly,
+                ),
+            };
+            if access != wanted {
+                return Err(format!("given to {given}; declare it `{given}`"));
             }
             let declared = storage_format(declared)
                 .ok_or_else(|| format!("storage format {declared:?} is not used here"))?;
@@ -350,12 +365,11 @@ fn image_type(
                 return Err(format!("declared {declared:?}, given {format:?}"));
             }
             Ok(wgpu::BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::WriteOnly,
+                access: word,
                 format,
                 view_dimension,
             })
         }
-        (naga::ImageClass::Storage { .. }, _) => Err("declared to write, given to read".into()),
         _ => Err("declared to read, given to write".into()),
     }
 }

@@ -15,10 +15,13 @@ mod pass;
 mod readback;
 mod record;
 mod ring;
+mod scan_marks;
 mod shader;
 mod texture;
 mod timing;
 
+#[cfg(feature = "study")]
+pub(crate) use array::array_size;
 pub use array::{Array, Positions, ROW, Texel, Version};
 pub use binding::{Bind, Resource};
 pub use device::{ADAPTER_VARIABLE, Gpu};
@@ -29,4 +32,5 @@ pub use pass::{Pass, PassBuilder};
 pub use readback::Pending;
 pub use record::Recorder;
 pub(crate) use ring::Ring;
+pub(crate) use scan_marks::ScanMarks;
 pub use shader::{add_shader, compose, parse, shader_names};

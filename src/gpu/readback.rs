@@ -11,8 +11,12 @@ use std::sync::{Mutex, PoisonError};
 #[derive(Debug)]
 pub struct Pending<T> {
     gpu: Gpu,
-    staging: wgpu::Buffer,
+    /// Parts of it, in their order: what is larger than a buffer may be comes in several.
+    parts: Vec<wgpu::Buffer>,
+    /// Says of each part that it has arrived, in any order.
     told: Mutex<Receiver<std::result::Result<(), wgpu::BufferAsyncError>>>,
+    /// Parts still on their way.
+    missing: usize,
     /// Bytes of a row that count, and of a row with its padding.
     row: usize,
     padded: usize,
@@ -29,16 +33,15 @@ impl<T: bytemuck::Pod> Pending<T> {
     pub fn look(&mut self) -> Result<Option<Vec<T>>> {
         self.gpu.check()?;
         let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
-        match told.try_recv() {
-            Ok(mapped) => {
-                mapped.map_err(|e| Error::DeviceLost(e.to_string()))?;
-                self.take().map(Some)
+        while self.missing > 0 {
+            match told.try_recv() {
+                Ok(mapped) => mapped.map_err(|e| Error::DeviceLost(e.to_string()))?,
+                Err(TryRecvError::Empty) => return Ok(None),
+                Err(e) => return Err(Error::DeviceLost(e.to_string())),
             }
-            Err(TryRecvError::Empty) => Ok(None),
-            Err(TryRecvError::Disconnected) => Err(Error::DeviceLost(
-                "what was asked back has been taken already, or never came".into(),
-            )),
+            self.missing -= 1;
         }
+        self.take().map(Some)
     }
 
     /// Waits for it.
@@ -54,21 +57,28 @@ impl<T: bytemuck::Pod> Pending<T> {
         self.gpu.wait()?;
         let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
         // Another thread that polls the device may be the one to say so, a moment later.
-        let mapped = told.recv().map_err(|e| Error::DeviceLost(e.to_string()))?;
-        mapped.map_err(|e| Error::DeviceLost(e.to_string()))?;
+        for _ in 0..self.missing {
+            let mapped = told.recv().map_err(|e| Error::DeviceLost(e.to_string()))?;
+            mapped.map_err(|e| Error::DeviceLost(e.to_string()))?;
+        }
         self.take()
     }
 
-    fn take(&self) -> Result<Vec<T>> {
-        let view = self
-            .staging
-            .slice(..)
-            .get_mapped_range()
-            .map_err(|e| Error::Gpu(e.to_string()))?;
+    fn take(&mut self) -> Result<Vec<T>> {
+        if self.parts.is_empty() {
+            let why = "what was asked back has been taken already";
+            return Err(Error::Gpu(why.into()));
+        }
         let mut items = Vec::with_capacity(self.items);
-        for line in view.chunks_exact(self.padded) {
-            let line = line[..self.row].chunks_exact(size_of::<T>());
-            items.extend(line.map(bytemuck::pod_read_unaligned::<T>));
+        for part in std::mem::take(&mut self.parts) {
+            let view = part
+                .slice(..)
+                .get_mapped_range()
+                .map_err(|e| Error::Gpu(e.to_string()))?;
+            for line in view.chunks_exact(self.padded) {
+                let line = line[..self.row].chunks_exact(size_of::<T>());
+                items.extend(line.map(bytemuck::pod_read_unaligned::<T>));
+            }
         }
         items.truncate(self.items);
         Ok(items)
@@ -133,26 +143,39 @@ impl Gpu {
         }
         let row = texture.width() * texel;
         let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let staging = self.staging(u64::from(padded) * u64::from(rows))?;
+        let most = self.device().limits().max_buffer_size;
+        let most_rows = u32::try_from(most / u64::from(padded)).unwrap_or(u32::MAX);
+        let mut parts = Vec::new();
         let mut work = self.record();
-        work.encoder().copy_texture_to_buffer(
-            texture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &staging,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(padded),
-                    rows_per_image: None,
+        for first in (0..rows).step_by(most_rows.max(1) as usize) {
+            let height = most_rows.max(1).min(rows - first);
+            let staging = self.staging(u64::from(padded) * u64::from(height))?;
+            work.encoder().copy_texture_to_buffer(
+                wgpu::TexelCopyTextureInfo {
+                    origin: wgpu::Origin3d {
+                        y: first,
+                        ..Default::default()
+                    },
+                    ..texture.as_image_copy()
                 },
-            },
-            wgpu::Extent3d {
-                width: texture.width(),
-                height: rows,
-                depth_or_array_layers: 1,
-            },
-        );
+                wgpu::TexelCopyBufferInfo {
+                    buffer: &staging,
+                    layout: wgpu::TexelCopyBufferLayout {
+                        offset: 0,
+                        bytes_per_row: Some(padded),
+                        rows_per_image: None,
+                    },
+                },
+                wgpu::Extent3d {
+                    width: texture.width(),
+                    height,
+                    depth_or_array_layers: 1,
+                },
+            );
+            parts.push(staging);
+        }
         work.submit()?;
-        Ok(self.pending(staging, (row as usize, padded as usize), items))
+        Ok(self.pending(parts, (row as usize, padded as usize), items))
     }
 
     /// The content of `buffer` as a list of `T`.
@@ -183,26 +206,30 @@ impl Gpu {
     pub(super) fn map<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
         let bytes = buffer.size() as usize;
         let items = bytes / size_of::<T>();
-        self.pending(buffer.clone(), (bytes, bytes), items).wait()
+        self.pending(vec![buffer.clone()], (bytes, bytes), items)
+            .wait()
     }
 
-    /// Asks for a mappable buffer of rows that have so many bytes, without and with padding.
+    /// Asks for mappable buffers of rows that have so many bytes, without and with padding.
     fn pending<T>(
         &self,
-        staging: wgpu::Buffer,
+        parts: Vec<wgpu::Buffer>,
         (row, padded): (usize, usize),
         items: usize,
     ) -> Pending<T> {
         let (sender, receiver) = channel();
-        staging
-            .slice(..)
-            .map_async(wgpu::MapMode::Read, move |result| {
-                // If what is pending is gone, nobody asks.
-                let _ = sender.send(result);
-            });
+        for part in &parts {
+            let sender = sender.clone();
+            part.slice(..)
+                .map_async(wgpu::MapMode::Read, move |result| {
+                    // If what is pending is gone, nobody asks.
+                    let _ = sender.send(result);
+                });
+        }
         Pending {
             gpu: self.clone(),
-            staging,
+            missing: parts.len(),
+            parts,
             told: receiver.into(),
             row,
             padded,

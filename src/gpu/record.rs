@@ -158,8 +158,9 @@ impl<'e> Recorder<'e> {
         let (from, to) = (from.texture(), to.texture());
         // One may have more room than the other.
         let size = wgpu::Extent3d {
+            width: from.width().min(to.width()),
             height: from.height().min(to.height()),
-            ..from.size()
+            depth_or_array_layers: 1,
         };
         self.encoder()
             .copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), size);

@@ -4,6 +4,8 @@ use crate::{Error, Result};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
+#[cfg(not(target_arch = "wasm32"))]
+use std::path::PathBuf;
 
 /// Writes a file through a temporary name in the same folder, and gives it its own name only
 /// once `fill` has succeeded: whoever looks sees the old file or the whole new one. What is no
@@ -43,11 +45,15 @@ fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
             "this is a folder; name a file to write",
         ));
     }
-    let folder = match target.parent() {
+    replace(path, &target, folder_of(&target), fill)
+}
+
+/// The folder that a file is in.
+fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
-    };
-    replace(path, &target, folder, fill)
+    }
 }
 
 #[cfg(target_arch = "wasm32")]
@@ -58,21 +64,71 @@ fn replace(path: &Path, _: &Path, _: &Path, _: Fill<'_>) -> Result<()> {
 /// Fills a temporary file in `folder` and gives it the name `target`; `path` is what errors name.
 #[cfg(not(target_arch = "wasm32"))]
 fn replace(path: &Path, target: &Path, folder: &Path, fill: Fill<'_>) -> Result<()> {
-    let mut options = tempfile::Builder::new();
-    options.prefix(".palpate-").suffix(".part");
-    #[cfg(unix)]
-    let everyone = std::os::unix::fs::PermissionsExt::from_mode(0o666);
-    #[cfg(unix)]
-    options.permissions(everyone); // less the umask, as any new file
-    let (file, temporary) = options
-        .tempfile_in(folder)
-        .map_err(Error::io(path))?
-        .into_parts();
+    let (file, unfinished) = UnfinishedFile::begin(path, target, folder)?;
     let mut file = BufWriter::new(file);
     fill(&mut file)?;
     file.flush().map_err(Error::io(path))?;
     drop(file);
-    temporary
-        .persist(target)
-        .map_err(|e| Error::io(path)(e.error))
+    unfinished.finish()
+}
+
+/// A file under a temporary name, which is gone with this unless it is finished.
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) struct UnfinishedFile {
+    path: PathBuf,
+    target: PathBuf,
+    temporary: tempfile::TempPath,
+}
+
+#[cfg(not(target_arch = "wasm32"))]
+impl UnfinishedFile {
+    /// A file that will be called `path`, and where to write it meanwhile.
+    ///
+    /// # Errors
+    /// When it cannot be made, or `path` is there already and is no regular file.
+    pub fn create(path: &Path) -> Result<(File, UnfinishedFile)> {
+        let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+        if std::fs::metadata(&target).is_ok_and(|about| !about.is_file()) {
+            return Err(Error::format(
+                path,
+                "this is there already and no ordinary file; name another to write",
+            ));
+        }
+        UnfinishedFile::begin(path, &target, folder_of(&target))
+    }
+
+    fn begin(path: &Path, target: &Path, folder: &Path) -> Result<(File, UnfinishedFile)> {
+        let mut options = tempfile::Builder::new();
+        options.prefix(".palpate-").suffix(".part");
+        #[cfg(unix)]
+        let everyone = std::os::unix::fs::PermissionsExt::from_mode(0o666);
+        #[cfg(unix)]
+        options.permissions(everyone); // less the umask, as any new file
+        let (file, temporary) = options
+            .tempfile_in(folder)
+            .map_err(Error::io(path))?
+            .into_parts();
+        let unfinished = UnfinishedFile {
+            path: path.to_path_buf(),
+            target: target.to_path_buf(),
+            temporary,
+        };
+        Ok((file, unfinished))
+    }
+
+    /// Its temporary name.
+    pub fn temporary(&self) -> &Path {
+        &self.temporary
+    }
+
+    /// Gives it its own name.
+    ///
+    /// # Errors
+    /// When the operating system refuses.
+    pub fn finish(self) -> Result<()> {
+        let path = self.path;
+        self.temporary
+            .persist(self.target)
+            .map_err(|e| Error::io(path)(e.error))
+    }
 }

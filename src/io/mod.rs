@@ -43,6 +43,8 @@ mod vtu_data;
 mod vtu_tags;
 mod vtu_write;
 
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) use atomic::UnfinishedFile;
 pub use atomic::atomic_write;
 pub use format::{MeshFormat, write, write_as};
 pub use parse::{parse, parse_surface, parse_volume};

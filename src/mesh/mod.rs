@@ -10,6 +10,7 @@ mod distance;
 mod field;
 mod frame;
 pub mod generate;
+mod grouped;
 mod merge;
 mod order;
 mod packed_normal;
@@ -34,6 +35,7 @@ pub(crate) use distance::Tree;
 pub use distance::{DEPTH, depth_field, point_triangle_distance};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
+pub(crate) use grouped::grouped;
 pub use order::morton_order;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
 pub use quality::{
@@ -48,6 +50,7 @@ pub use tri_mesh::{NORMAL, TriMesh, UV};
 
 use crate::{Error, Result};
 use glam::DVec3;
+use rayon::slice::ParallelSliceMut;
 use std::collections::BTreeMap;
 
 /// A tetrahedral mesh with fields, in the units of the file it came from.
@@ -85,6 +88,15 @@ impl TetMesh {
     /// Sum of the signed volumes of all tets.
     pub fn volume(&self) -> f64 {
         (0..self.tets.len()).map(|t| self.tet_volume(t)).sum()
+    }
+
+    /// Every edge of the tets once, (smaller, larger) node, sorted. Time O(n log n), in parallel.
+    pub fn edges(&self) -> Vec<[u32; 2]> {
+        let of_tet = |t: &[u32; 4]| TET_EDGES.map(|[a, b]| [t[a].min(t[b]), t[a].max(t[b])]);
+        let mut edges: Vec<[u32; 2]> = self.tets.iter().flat_map(of_tet).collect();
+        edges.par_sort_unstable();
+        edges.dedup();
+        edges
     }
 
     /// The axis-aligned bounding box of the nodes: (lower corner, upper corner).

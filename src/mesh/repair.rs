@@ -1,9 +1,9 @@
 //! Making a mesh safe to work with: what is repaired, what is counted, what is refused.
 
+use super::grouped::of_groups;
 use super::{Field, Location, TetMesh};
-use crate::{Error, Result};
+use crate::{Error, Result, parallel};
 use glam::DVec3;
-use std::collections::HashSet;
 
 /// What was repaired, dropped or noticed when a mesh was made.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -92,19 +92,20 @@ impl TetMesh {
     }
 
     fn drop_bad_tets(&mut self) {
-        let mut seen = HashSet::with_capacity(self.tets.len());
-        let mut keep = vec![true; self.tets.len()];
-        for (t, tet) in self.tets.iter_mut().enumerate() {
-            let (key, odd) = sorted(*tet);
+        let volumes = parallel::map(self.tets.len(), |t| {
+            let (key, odd) = sorted(self.tets[t]);
             let volume = certain_volume(key.map(|v| self.nodes[v as usize]));
-            let volume = if odd { -volume } else { volume };
-            if volume == 0.0 {
-                self.repairs.degenerate += 1;
-                keep[t] = false;
-            } else if !seen.insert(key) {
-                self.repairs.repeated += 1;
-                keep[t] = false;
-            } else if volume < 0.0 {
+            if odd { -volume } else { volume }
+        });
+        let mut keep: Vec<bool> = volumes.iter().map(|volume| *volume != 0.0).collect();
+        self.repairs.degenerate = keep.iter().filter(|keep| !**keep).count();
+        for t in self.repeats(&keep) {
+            keep[t as usize] = false;
+            self.repairs.repeated += 1;
+        }
+        let tets = self.tets.iter_mut().zip(&volumes).zip(&keep);
+        for ((tet, volume), keep) in tets {
+            if *keep && *volume < 0.0 {
                 tet.swap(2, 3);
                 self.repairs.inverted_fixed += 1;
             }
@@ -119,6 +120,19 @@ impl TetMesh {
                 retain_tuples(&mut field.values, field.components, &keep);
             }
         }
+    }
+
+    /// Of the tets to `keep`, those whose nodes are those of one before.
+    fn repeats(&self, keep: &[bool]) -> Vec<u32> {
+        let kept = self.tets.iter().enumerate().filter(|(t, _)| keep[*t]);
+        let by_smallest = kept.map(|(t, tet)| {
+            let [a, b, c, d] = sorted(*tet).0;
+            (a, [b, c, d, t as u32])
+        });
+        of_groups(self.nodes.len(), by_smallest, |own, repeats| {
+            let pairs = own.windows(2).filter(|w| w[0][..3] == w[1][..3]);
+            repeats.extend(pairs.map(|w| w[1][3]));
+        })
     }
 
     fn drop_unused_nodes(&mut self) {

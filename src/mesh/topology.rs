@@ -1,7 +1,7 @@
-//! How the tets of a mesh hang together: neighbours across faces, the boundary, the edges.
+//! How the tets of a mesh hang together: neighbours across faces, and the boundary.
 
 use super::TetMesh;
-use rayon::slice::ParallelSliceMut;
+use super::grouped::of_groups;
 
 /// The three local corners of face i, the face opposite vertex i, counter-clockwise seen from
 /// outside a positively oriented tet.
@@ -22,7 +22,7 @@ pub struct BoundaryFace {
     pub face: u32,
 }
 
-/// Neighbours, boundary and edges of a [`TetMesh`].
+/// Neighbours and boundary of a [`TetMesh`].
 #[derive(Clone, Debug)]
 pub struct Topology {
     /// For face i of each tet: `4 · tet + face` of the same face as the neighbour sees it, or
@@ -30,19 +30,21 @@ pub struct Topology {
     pub neighbours: Vec<[u32; 4]>,
     /// The faces without a neighbour, in the order of their tets.
     pub boundary: Vec<BoundaryFace>,
-    /// Every edge once, (smaller, larger) node, sorted.
-    pub edges: Vec<[u32; 2]>,
 }
 
 impl Topology {
-    /// The topology of `mesh`. Time O(n log n), in parallel.
+    /// The topology of `mesh`, in parallel. Time grows with the tets, and with the logarithm of
+    /// how many are at a node.
     pub fn new(mesh: &TetMesh) -> Topology {
         let mut neighbours = vec![[NO_NEIGHBOUR; 4]; mesh.tets.len()];
-        for same in sorted_faces(&mesh.tets).chunk_by(|a, b| a.0 == b.0) {
-            if let [(_, a), (_, b)] = same {
-                neighbours[*a as usize / 4][*a as usize % 4] = *b;
-                neighbours[*b as usize / 4][*b as usize % 4] = *a;
+        let pairs = same_faces(&mesh.tets, |same, pairs| {
+            if let [[.., a], [.., b]] = same {
+                pairs.push([*a, *b]);
             }
+        });
+        for [a, b] in pairs {
+            neighbours[a as usize / 4][a as usize % 4] = b;
+            neighbours[b as usize / 4][b as usize % 4] = a;
         }
         let boundary = neighbours
             .iter()
@@ -56,17 +58,9 @@ impl Topology {
                     })
             })
             .collect();
-        let mut edges: Vec<[u32; 2]> = mesh
-            .tets
-            .iter()
-            .flat_map(|t| TET_EDGES.map(|[a, b]| [t[a].min(t[b]), t[a].max(t[b])]))
-            .collect();
-        edges.par_sort_unstable();
-        edges.dedup();
         Topology {
             neighbours,
             boundary,
-            edges,
         }
     }
 
@@ -78,25 +72,33 @@ impl Topology {
 
 /// Number of faces that more than two tets share.
 pub(super) fn crowded_faces(tets: &[[u32; 4]]) -> usize {
-    sorted_faces(tets)
-        .chunk_by(|a, b| a.0 == b.0)
-        .filter(|same| same.len() > 2)
-        .count()
+    let crowded = same_faces(tets, |same, crowded| {
+        if same.len() > 2 {
+            crowded.push(());
+        }
+    });
+    crowded.len()
 }
 
-/// Every face of every tet as (sorted nodes, 4 · tet + face), sorted.
-fn sorted_faces(tets: &[[u32; 4]]) -> Vec<([u32; 3], u32)> {
-    let mut faces: Vec<([u32; 3], u32)> = tets
-        .iter()
-        .enumerate()
-        .flat_map(|(t, tet)| {
-            (0..4).map(move |f| {
-                let mut key = FACES[f].map(|i| tet[i]);
-                key.sort_unstable();
-                (key, (4 * t + f) as u32)
-            })
+/// What `tell` pushes of each face of the `tets`, given as often as tets have it: its nodes in
+/// rising order, and 4 tet + face.
+fn same_faces<B: Send>(
+    tets: &[[u32; 4]],
+    tell: impl Fn(&[[u32; 4]], &mut Vec<B>) + Sync,
+) -> Vec<B> {
+    // By smallest node: there are fewer nodes than that in most meshes, and none may be listed.
+    let groups = tets.len() / 4 + 1;
+    let faces = tets.iter().enumerate().flat_map(|(t, tet)| {
+        (0..4).map(move |f| {
+            let mut key = FACES[f].map(|i| tet[i]);
+            key.sort_unstable();
+            let [a, b, c] = key;
+            ((a as usize % groups) as u32, [a, b, c, (4 * t + f) as u32])
         })
-        .collect();
-    faces.par_sort_unstable();
-    faces
+    });
+    of_groups(groups, faces, |own, told| {
+        for same in own.chunk_by(|a, b| a[..3] == b[..3]) {
+            tell(same, told);
+        }
+    })
 }

@@ -8,7 +8,7 @@ use super::{
     ClosedSurface, Domain, Filling, MeshReport, Progress, Spacing, SurfaceDomain, find_spacing,
     finish,
 };
-use crate::mesh::{Location, TetMesh, Topology, TriMesh};
+use crate::mesh::{Location, TetMesh, TriMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
@@ -251,7 +251,7 @@ fn sorted(mesh: TetMesh, regions: &SurfaceDomain, report: MeshReport) -> Result<
 
 /// The mean length of the tets' edges.
 fn mean_edge(mesh: &TetMesh) -> f64 {
-    let edges = Topology::new(mesh).edges;
+    let edges = mesh.edges();
     let length = |[a, b]: &[u32; 2]| mesh.nodes[*a as usize].distance(mesh.nodes[*b as usize]);
     edges.iter().map(length).sum::<f64>() / edges.len().max(1) as f64
 }

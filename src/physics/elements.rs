@@ -79,6 +79,18 @@ impl Elements {
     pub fn is_empty(&self) -> bool {
         self.tets.is_empty() && self.rigid.is_empty()
     }
+
+    /// How many times the stiffest tet is as stiff as the softest, by μ; 1 where there are none.
+    pub fn contrast(&self) -> f64 {
+        let range = self.tets.iter().map(|t| t.lame[0]);
+        let (soft, stiff) = range.fold((f64::INFINITY, 0.0f64), |(low, high), mu| {
+            (low.min(mu), high.max(mu))
+        });
+        match soft > 0.0 && soft.is_finite() {
+            true => stiff / soft,
+            false => 1.0,
+        }
+    }
 }
 
 /// When the minimisation of an implicit step of a body of elements stops.

@@ -1,6 +1,7 @@
 //! What holds a body and what pulls it, whatever engine steps it.
 
 use super::LevelId;
+use super::contact::{ToolId, ToolPose, check_pose};
 use super::grab::{GrabId, Grabs, Grip};
 use super::reactions::Held;
 use super::state::GrabsState;
@@ -22,6 +23,8 @@ pub(super) struct LoadVersions {
     pub held: u64,
     /// Of levels.
     pub levels: u64,
+    /// Of where tools go.
+    pub tools: u64,
 }
 
 /// Pins, grabs, gravity and forces, by the numbers of a body's nodes: the same for every engine,
@@ -38,6 +41,8 @@ pub struct Loads {
     pub(super) grabs: Grabs,
     led: Vec<Led>,
     levels: Vec<f64>,
+    /// Where tools go, and how often each was put elsewhere.
+    tools: Vec<(ToolPose, u64)>,
     pub(super) versions: LoadVersions,
 }
 
@@ -82,6 +87,7 @@ pub(super) struct LoadsState {
     grabs: GrabsState,
     led: Vec<Led>,
     levels: Vec<f64>,
+    tools: Vec<(ToolPose, u64)>,
     versions: LoadVersions,
 }
 
@@ -97,6 +103,7 @@ impl Loads {
             grabs: Grabs::new(frame),
             led: Vec::new(),
             levels: Vec::new(),
+            tools: Vec::new(),
             versions: LoadVersions::default(),
         }
     }
@@ -344,6 +351,57 @@ impl Loads {
         }
     }
 
+    /// Adds a tool where it is; the engine has to be one that has tools:
+    /// [`Simulator::add_tool`](super::Simulator::add_tool).
+    pub(super) fn add_tool(&mut self, pose: ToolPose) -> ToolId {
+        self.tools.push((pose, 0));
+        self.versions.tools += 1;
+        self.versions.any += 1;
+        ToolId(self.tools.len() - 1)
+    }
+
+    /// Where the tools go, and how often each was put elsewhere.
+    pub(super) fn tools(&self) -> &[(ToolPose, u64)] {
+        &self.tools
+    }
+
+    /// Where a tool is, or goes with the next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a tool that is not there.
+    pub fn tool(&self, id: ToolId) -> Result<ToolPose> {
+        let tool = self.tools.get(id.0).map(|tool| tool.0);
+        tool.ok_or_else(|| Error::Input(format!("this body has no tool {}", id.0)))
+    }
+
+    /// Has a tool go to `pose`, straight, with the next step: what is in its way makes way.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a tool that is not there, or a pose that is none.
+    pub fn guide_tool(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
+        check_pose(&pose)?;
+        if self.tool(id)? != pose {
+            self.tools[id.0].0 = pose;
+            self.versions.tools += 1;
+            self.versions.any += 1;
+        }
+        Ok(())
+    }
+
+    /// Puts a tool at `pose` at once, through whatever is between: what it then has inside is pushed
+    /// out.
+    ///
+    /// # Errors
+    /// As [`Loads::guide_tool`].
+    pub fn put_tool(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
+        check_pose(&pose)?;
+        self.tool(id)?;
+        self.tools[id.0] = (pose, self.tools[id.0].1 + 1);
+        self.versions.tools += 1;
+        self.versions.any += 1;
+        Ok(())
+    }
+
     /// Which nodes cannot move by themselves: pinned, or held where a grab has them.
     pub(super) fn held(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
@@ -397,6 +455,7 @@ impl Loads {
             grabs: self.grabs.state(),
             led: self.led.clone(),
             levels: self.levels.clone(),
+            tools: self.tools.clone(),
             versions: self.versions,
         }
     }
@@ -412,17 +471,19 @@ impl Loads {
         }
         let alike = state.led.len() == self.led.len()
             && state.levels.len() == self.levels.len()
+            && state.tools.len() == self.tools.len()
             && state.led.iter().zip(&self.led).all(|(a, b)| {
                 a.nodes == b.nodes && [a.places.len(), a.velocities.len()] == [a.nodes.len(); 2]
             });
         if !alike {
             return Err(Error::Input(
-                "the loads of a body with other nodes led, pressures or muscles".into(),
+                "the loads of a body with other nodes led, pressures, muscles or tools".into(),
             ));
         }
         self.grabs.set_state(&state.grabs, nodes)?;
         self.led.clone_from(&state.led);
         self.levels.clone_from(&state.levels);
+        self.tools.clone_from(&state.tools);
         self.gravity = state.gravity.into();
         self.forces = state.forces.iter().map(|f| DVec3::from(*f)).collect();
         self.pinned.clone_from(&state.pinned);

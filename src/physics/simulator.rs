@@ -2,8 +2,8 @@
 
 use super::{
     Acting, Bodies, BodiesState, ConjugateGradients, CpuGridState, CpuState, Engine, GrabId,
-    GridState, Grip, Held, LedId, LevelId, Loads, NodeTerm, Nodes, Progress, Report, SolverKind,
-    SpringNetwork, TetState,
+    GridState, Grip, Held, LedId, LevelId, Loads, NodeTerm, Nodes, Progress, Reaction, Report,
+    SolverKind, SpringNetwork, TetState, Tool, ToolId,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -87,6 +87,29 @@ pub trait Simulator: Send {
         Err(Error::Input(format!(
             "nothing acts on this body at a level, so {id:?} cannot be set to {level}"
         )))
+    }
+
+    /// Adds a tool that presses on the body's boundary. [`Loads::guide_tool`] says where it goes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a tool that makes no sense, and for all but a body of finite elements
+    /// on the processor that `implicit` or `bdf2` steps.
+    fn add_tool(&mut self, _: Tool) -> Result<ToolId> {
+        Err(only_cpu("tools press"))
+    }
+
+    /// The tools, in the order in which they were added.
+    fn tools(&self) -> &[Tool] {
+        &[]
+    }
+
+    /// What the body exerts on each tool where it stands: the force, and its moment about the
+    /// origin of the tool's shape. After the steps asked for.
+    ///
+    /// # Errors
+    /// As [`Simulator::finish`].
+    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
+        Ok(Vec::new())
     }
 
     /// Leads nodes of the mesh along from now on: they are where [`Loads::set_led`] says, whatever

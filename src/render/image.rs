@@ -77,6 +77,62 @@ impl Image {
         }
     }
 
+    /// The picture with a pixel for each square of `factor` by `factor` pixels, their mean; what is
+    /// over at the right and below is left out. Colours are premultiplied by opacity, so that of
+    /// half a body and half nothing it is the body's colour, half as opaque.
+    pub fn shrunk(&self, factor: u32) -> Image {
+        let n = factor.max(1);
+        let size = self.size.map(|side| side / n);
+        let share = 1.0 / (n * n) as f32;
+        let mut values = Vec::with_capacity(size[0] as usize * size[1] as usize * self.channels);
+        for (y, x) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (y, x))) {
+            let first = values.len();
+            values.resize(first + self.channels, 0.0);
+            for (dy, dx) in (0..n).flat_map(|dy| (0..n).map(move |dx| (dy, dx))) {
+                let fine = self.pixel(n * x + dx, n * y + dy);
+                let sum = values[first..].iter_mut();
+                sum.zip(fine).for_each(|(sum, v)| *sum += share * v);
+            }
+        }
+        Image {
+            size,
+            channels: self.channels,
+            values,
+        }
+    }
+
+    /// The picture with four channels: lengths as they are shown, grey from 0 to the longest,
+    /// which is the other thing returned; of a picture of four channels none.
+    pub fn in_colour(&self) -> (Image, Option<f32>) {
+        if self.channels != 1 {
+            return (self.clone(), None);
+        }
+        let longest = self.values.iter().copied().fold(0.0, f32::max);
+        let (_, shown) = self.shown(Background::Black);
+        let image = Image {
+            size: self.size,
+            channels: 4,
+            values: shown.into_iter().flat_map(|v| [v, v, v, 1.0]).collect(),
+        };
+        (image, Some(longest))
+    }
+
+    /// Red, green and blue of each pixel, as a PNG of 8 bits has them; what is transparent is on
+    /// black.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub(super) fn rgb(&self, background: Background) -> Vec<u8> {
+        let background = match background {
+            Background::Transparent => Background::Black,
+            opaque => opaque,
+        };
+        let (colour, shown) = self.shown(background);
+        let byte = |v: &f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
+        match colour {
+            image::ColorType::L8 => shown.iter().flat_map(|v| [byte(v); 3]).collect(),
+            _ => shown.iter().map(byte).collect(),
+        }
+    }
+
     /// Writes a PNG (8 bits, on black) or an EXR (float, premultiplied), by the extension.
     ///
     /// # Errors
@@ -190,5 +246,52 @@ impl Image {
         let bytes: &[u8] = bytemuck::cast_slice(&values);
         image::ImageEncoder::write_image(encoder, bytes, self.size[0], self.size[1], colour)?;
         Ok(file.into_inner())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shrunk_picture_has_the_means_of_the_large_one() {
+        let large = Image {
+            size: [5, 4],
+            channels: 1,
+            values: (0..20).map(|v| v as f32).collect(),
+        };
+        let small = large.shrunk(2);
+        assert_eq!(small.size, [2, 2]);
+        assert_eq!(small.values, [3.0, 5.0, 13.0, 15.0]);
+        assert_eq!(large.shrunk(1), large);
+    }
+
+    #[test]
+    fn half_a_body_is_half_as_opaque_and_of_its_colour() {
+        let large = Image {
+            size: [2, 2],
+            channels: 4,
+            values: [
+                [0.8, 0.4, 0.0, 1.0],
+                [0.0; 4],
+                [0.8, 0.4, 0.0, 1.0],
+                [0.0; 4],
+            ]
+            .concat(),
+        };
+        assert_eq!(large.shrunk(2).values, [0.4, 0.2, 0.0, 0.5]);
+    }
+
+    #[test]
+    fn lengths_in_colour_are_grey_up_to_the_longest() {
+        let lengths = Image {
+            size: [2, 1],
+            channels: 1,
+            values: vec![1.0, 4.0],
+        };
+        let (grey, longest) = lengths.in_colour();
+        assert_eq!(longest, Some(4.0));
+        assert_eq!(grey.values, [0.25, 0.25, 0.25, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        assert_eq!(lengths.rgb(Background::White), [64, 64, 64, 255, 255, 255]);
     }
 }

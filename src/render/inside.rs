@@ -3,6 +3,7 @@
 
 use super::ResolvedTransfer;
 use super::ray_integral::{RayReference, Segment, segment_integral};
+use super::transfer::named_colour;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::LocalFrame;
 use crate::render::Ray;
@@ -169,10 +170,7 @@ impl FromStr for Isosurface {
         let value = parts.next().and_then(|t| t.parse().ok());
         let colour = match parts.next() {
             None | Some("") => None,
-            Some(name) => {
-                let [r, g, b, _] = csscolorparser::parse(name).map_err(|_| wrong())?.to_array();
-                Some([r, g, b].map(f64::from))
-            }
+            Some(name) => Some(named_colour(name).map_err(|_| wrong())?),
         };
         let opacity = match parts.next() {
             None => Some(1.0),
@@ -264,6 +262,11 @@ impl Inside {
         self.isosurfaces.iter().try_for_each(Isosurface::check)
     }
 
+    /// Whether a place, which lies at `rest` when the body rests, is cut off.
+    pub(super) fn cuts_off(&self, place: DVec3, rest: DVec3) -> bool {
+        self.clips().any(|plane| plane.beyond(place, rest) > 0.0)
+    }
+
     /// Numbers of clip planes, slices and isosurfaces.
     pub(super) fn counts(&self) -> [usize; 3] {
         let clips = self.clips().count();
@@ -349,11 +352,12 @@ pub struct Lighting<'a> {
 
 impl RayReference {
     /// Emission and absorption along `ray` with planes and isosurfaces: premultiplied colour and
-    /// opacity. `rest` tells of a tet and weights of its corners where that place is at rest.
-    pub fn composite_inside(
+    /// opacity. `transfer` tells the transfer function of a tet, none where nothing of it is shown;
+    /// `rest`, of a tet and weights of its corners, where that place is at rest.
+    pub fn composite_inside<'a>(
         &self,
         ray: Ray,
-        transfer: &ResolvedTransfer,
+        transfer: &dyn Fn(u32) -> Option<&'a ResolvedTransfer>,
         inside: &Inside,
         rest: &dyn Fn(u32, [f64; 4]) -> DVec3,
         light: Option<&Lighting>,
@@ -369,6 +373,9 @@ impl RayReference {
             sum[3] += clear * alpha;
         };
         for Segment { t, s, tet } in self.segments(ray) {
+            let Some(transfer) = transfer(tet) else {
+                continue;
+            };
             let ends = t.map(|t| {
                 let p = place(t);
                 [p, rest(tet, self.weights_in(tet, p))]
@@ -408,17 +415,22 @@ impl RayReference {
     }
 }
 
-/// The colours of a transfer function over a range of scalars, as `lib/inside.wgsl` reads them.
+/// The colours of transfer functions over a range of scalars, as `lib/inside.wgsl` reads them; in w
+/// extinction, over `most`.
 pub(super) fn colours(
     gpu: &Gpu,
-    transfer: &ResolvedTransfer,
+    transfers: &[ResolvedTransfer],
     (low, high): (f64, f64),
+    most: f64,
 ) -> Result<Array> {
-    let colour = |k: usize| {
+    let over = if most > 0.0 { most.recip() } else { 0.0 };
+    let colour = |transfer: &ResolvedTransfer, k: usize| {
         let share = k as f64 / (COLOURS - 1) as f64;
-        let [r, g, b] = transfer.colour(low + share * (high - low));
-        [r, g, b, 1.0].map(|x| x as f32)
+        let s = low + share * (high - low);
+        let [r, g, b] = transfer.colour(s);
+        [r, g, b, over * transfer.extinction(s)].map(|x| x as f32)
     };
-    let items: Vec<[f32; 4]> = (0..COLOURS).map(colour).collect();
-    gpu.array_of("colours", Texel::F32x4, &items)
+    let rows = transfers.iter();
+    let rows = rows.flat_map(|transfer| (0..COLOURS).map(move |k| colour(transfer, k)));
+    gpu.array_of("colours", Texel::F32x4, &rows.collect::<Vec<_>>())
 }

@@ -1,8 +1,8 @@
 //! Light on the inside: gradients at the nodes, and how bright they are, in float64; the twins of
 //! `shaders/render/node_gradients.wgsl` and `shaders/lib/shade.wgsl`.
 
-use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology};
-use crate::{Error, Result};
+use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology, grouped};
+use crate::{Error, Result, parallel};
 use glam::DVec3;
 use std::str::FromStr;
 
@@ -13,7 +13,7 @@ const DIFFUSE: f64 = 0.7;
 const SHINE: f64 = 0.22;
 const GLOSS: f64 = 32.0;
 /// A gradient of this length, in ranges of the scalar over the size of the body, is lit by half.
-const FAINT: f64 = 2.0;
+pub(in crate::render) const FAINT: f64 = 2.0;
 /// How long the direction into a body, or from one region into another, is taken to be.
 pub(super) const EDGE: f64 = 12.0;
 
@@ -78,52 +78,53 @@ impl FromStr for Light {
     }
 }
 
-/// What each node of a mesh lights by: the tets around it, four nodes each, and the faces at it
-/// at which the body or a region ends, three nodes each, turned so that their normals point
-/// inwards, and `NO_NEIGHBOUR`. With `cells` regions are where these are equal, and normals point
-/// to the larger; without, tets are listed, whose scalars are at the nodes.
-///
-/// Returns the first entry of each node, their number last, and the entries.
-pub(super) fn around_nodes(
-    mesh: &TetMesh,
-    topology: &Topology,
-    cells: Option<&[f64]>,
-) -> (Vec<u32>, Vec<[u32; 4]>) {
-    let mut items: Vec<[u32; 4]> = Vec::new();
-    for (t, (tet, across)) in mesh.tets.iter().zip(&topology.neighbours).enumerate() {
-        if cells.is_none() {
-            items.push(*tet);
-        }
-        for (face, code) in FACES.iter().zip(across) {
-            let [a, b, c] = face.map(|k| tet[k]);
-            if *code == NO_NEIGHBOUR {
-                items.push([a, c, b, NO_NEIGHBOUR]);
-            } else if let Some(cells) = cells
-                && cells[t] < cells[*code as usize / 4]
-            {
-                items.push([a, b, c, NO_NEIGHBOUR]);
+/// What each node of a mesh lights by.
+pub(super) struct Around {
+    /// Where the list of each node begins in `items`, their end last.
+    pub firsts: Vec<u32>,
+    /// The tets around each node, by number, if scalars are at the nodes; and, counted on from the
+    /// number of tets, the `ends` at it.
+    pub items: Vec<u32>,
+    /// Faces at which the body or a region ends: three nodes, turned so that the normal points
+    /// inwards, or to the larger of two regions, and `NO_NEIGHBOUR`.
+    pub ends: Vec<[u32; 4]>,
+}
+
+impl Around {
+    /// With `cells` regions are where these are equal; without, scalars are at the nodes. Tets are
+    /// numbered by `place`.
+    pub fn new(
+        mesh: &TetMesh,
+        topology: &Topology,
+        cells: Option<&[f64]>,
+        place: impl Fn(usize) -> u32 + Copy,
+    ) -> Around {
+        let ends = parallel::collect(mesh.tets.len(), |range, ends| {
+            for t in range {
+                let (tet, across) = (mesh.tets[t], topology.neighbours[t]);
+                for (face, code) in FACES.iter().zip(across) {
+                    let [a, b, c] = face.map(|k| tet[k]);
+                    if code == NO_NEIGHBOUR {
+                        ends.push([a, c, b, NO_NEIGHBOUR]);
+                    } else if let Some(cells) = cells
+                        && cells[t] < cells[code as usize / 4]
+                    {
+                        ends.push([a, b, c, NO_NEIGHBOUR]);
+                    }
+                }
             }
+        });
+        let shaded = mesh.tets.iter().filter(|_| cells.is_none()).enumerate();
+        let tets = shaded.flat_map(move |(t, tet)| tet.map(|v| (v, place(t))));
+        let faces = (mesh.tets.len() as u32..).zip(&ends);
+        let faces = faces.flat_map(|(item, [a, b, c, _])| [*a, *b, *c].map(|v| (v, item)));
+        let (firsts, items) = grouped(mesh.nodes.len(), tets.chain(faces));
+        Around {
+            firsts,
+            items,
+            ends,
         }
     }
-    let nodes_of = |item: &[u32; 4]| item.map(|v| v as usize);
-    let mut firsts = vec![0u32; mesh.nodes.len() + 1];
-    for item in &items {
-        for v in nodes_of(item).into_iter().filter(|v| *v < mesh.nodes.len()) {
-            firsts[v + 1] += 1;
-        }
-    }
-    for v in 0..mesh.nodes.len() {
-        firsts[v + 1] += firsts[v];
-    }
-    let mut next = firsts.clone();
-    let mut around = vec![[0u32; 4]; firsts[mesh.nodes.len()] as usize];
-    for item in &items {
-        for v in nodes_of(item).into_iter().filter(|v| *v < mesh.nodes.len()) {
-            around[next[v] as usize] = *item;
-            next[v] += 1;
-        }
-    }
-    (firsts, around)
 }
 
 /// The gradient that light sees at every node of `mesh`, its nodes standing at `positions` (in
@@ -136,11 +137,16 @@ pub fn node_gradients(
     shares: &[f64],
     cells: Option<&[f64]>,
 ) -> Vec<DVec3> {
-    let (firsts, around) = around_nodes(mesh, topology, cells);
+    let around = Around::new(mesh, topology, cells, |t| t as u32);
     let of_node = |v: usize| {
         let (mut rise, mut volume) = (DVec3::ZERO, 0.0);
         let (mut area, mut areas) = (DVec3::ZERO, 0.0);
-        for item in &around[firsts[v] as usize..firsts[v + 1] as usize] {
+        let own = around.firsts[v] as usize..around.firsts[v + 1] as usize;
+        for item in &around.items[own] {
+            let item = match (*item as usize).checked_sub(mesh.tets.len()) {
+                None => mesh.tets[*item as usize],
+                Some(end) => around.ends[end],
+            };
             let p = positions[item[0] as usize];
             let edge = |k: usize| positions[item[k] as usize] - p;
             let (a, b) = (edge(1), edge(2));

@@ -4,6 +4,8 @@
 
 mod camera;
 mod compare;
+#[cfg(not(target_arch = "wasm32"))]
+mod film;
 mod first_hit;
 mod flip;
 mod geometry;
@@ -18,6 +20,7 @@ mod ray_integral;
 mod raycast_options;
 mod raycast_report;
 mod raycaster;
+mod shadows;
 mod surface;
 mod table;
 mod tet_geometry;
@@ -27,6 +30,8 @@ mod view;
 
 pub use camera::{Camera, Projection, Ray};
 pub use compare::Difference;
+#[cfg(not(target_arch = "wasm32"))]
+pub use film::Film;
 pub use first_hit::{Hit, first_hit};
 pub use geometry::{Geometry, Scalars, local_positions};
 pub use image::{Background, BitDepth, Image};
@@ -34,8 +39,9 @@ pub use inside::{Inside, Isosurface, Lighting, Plane, PlaneKind};
 pub use light::{Light, node_gradients, shade, shade_surface};
 pub use pick::Pick;
 pub use ray_integral::{RayReference, Segment, segment_integral};
-pub use raycast_options::{Mode, RaycastOptions, RaycastReport, Target, Walk};
-pub use raycaster::Raycaster;
+pub use raycast_options::{Mode, RaycastOptions, RaycastReport, Reads, Target, Walk};
+pub use raycaster::{Raycaster, RegionLooks};
+pub use shadows::{SHADOWS, node_shadows};
 pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
 pub use table::{TableForm, TableTexel};
 pub use tet_geometry::{tet_gradient, tet_planes};
@@ -45,4 +51,5 @@ pub(crate) use peel::attachment;
 pub(crate) use pick::Look;
 pub(crate) use surface::{Clips, averaged, depth_target};
 pub(crate) use tiles::draw_in_tiles;
+pub(crate) use transfer::named_colour;
 pub(crate) use view::{LocalView, View, Window};

@@ -9,7 +9,16 @@
 use super::geometry::Geometry;
 use super::view::View;
 use crate::Result;
-use crate::gpu::{Draw, Gpu, Pass, Recorder};
+use crate::gpu::{Draw, Gpu, Pass, Recorder, ScanMarks, Texel};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/render/cover_counts.wgsl`.
+        pub struct CoverCounts {
+            pub records: u32,
+        }
+    }
+}
 
 /// Words of a layer's record of arguments: a draw of the boundary for the layer behind it, and
 /// a draw of a fullscreen triangle for its own walk.
@@ -38,8 +47,11 @@ pub(super) struct Peel {
     fresh_inside: [wgpu::Buffer; 2],
     /// Bound on the number of layers.
     pub layers: u32,
-    corners: u32,
+    /// A draw of the faces that may be seen.
+    covered: wgpu::Buffer,
     project: Pass,
+    /// What finds these, and where.
+    cover: [Pass; 4],
     start_back: Draw,
     start_first: Draw,
     start_next: [Draw; 2],
@@ -55,8 +67,15 @@ pub(super) struct Walks {
 }
 
 impl Peel {
-    /// Targets of `size` pixels for at most `layers` layers.
-    pub fn new(geometry: &Geometry, view: &View, size: [u32; 2], layers: u32) -> Result<Peel> {
+    /// Targets of `size` pixels for at most `layers` layers. The boundary is read from storage
+    /// textures if `stored`.
+    pub fn new(
+        geometry: &Geometry,
+        view: &View,
+        size: [u32; 2],
+        layers: u32,
+        stored: bool,
+    ) -> Result<Peel> {
         let gpu = &geometry.gpu;
         let corners = geometry.corners();
         let texture = |format, extra| {
@@ -81,12 +100,21 @@ impl Peel {
             gpu.buffer_of("inside, fresh", &outside)?,
             gpu.buffer_of("inside, always", &[corners, 1, 0, 0, 3, 1, 0, 0])?,
         ];
+        let runs = (corners / 3).div_ceil(32);
+        let marks = gpu.buffer("faces that may be seen", 8 * u64::from(runs.max(1)))?;
+        let covered = gpu.buffer_of("draw of covered faces", &[0u32, 1, 0, 0])?;
+        let covers = gpu.array("covered faces", Texel::U32x4, corners as usize)?;
+        let start_name = match stored {
+            true => "render/start stored",
+            false => "render/start sampled",
+        };
         let start = |first: bool, back: bool, writes: usize| {
-            gpu.draw("render/start")
+            gpu.draw(start_name)
                 .constant("FIRST", f64::from(u8::from(first)))
                 .constant("BACK", f64::from(u8::from(back)))
                 .read(&geometry.projected)
                 .read(&geometry.boundary)
+                .read(&covers)
                 .read(&keys[1 - writes])
                 .read(&sums[1 - writes])
                 .write(&arguments[writes])
@@ -95,6 +123,18 @@ impl Peel {
                 .depth(DEPTH, wgpu::CompareFunction::Greater, true)
                 .prepare()
         };
+        let cover = |stage: f64| {
+            gpu.pass("render/cover")
+                .constant("STAGE", stage)
+                .read(&geometry.projected)
+                .read(&geometry.boundary)
+                .write(&marks)
+                .write(&covers)
+                .params(view)
+                .over(runs)
+        };
+        // Of layers of one parity, those of the other no more.
+        let records = layers / 2 + 1;
         Ok(Peel {
             size,
             backs: texture(KEY, bound)?,
@@ -107,6 +147,21 @@ impl Peel {
                 .write(&inside)
                 .params(view)
                 .over(view.nodes)?,
+            cover: [
+                cover(0.0)?,
+                gpu.pass("gpu/scan_marks")
+                    .write(&marks)
+                    .write(&covered)
+                    .params(&ScanMarks { runs })
+                    .over_groups([1, 1, 1])?,
+                cover(1.0)?,
+                gpu.pass("render/cover_counts")
+                    .read(&covered)
+                    .write(&arguments[0])
+                    .write(&arguments[1])
+                    .params(&gpu_data::CoverCounts { records })
+                    .over(records)?,
+            ],
             start_back: start(true, true, 0)?,
             start_first: start(true, false, 0)?,
             start_next: [start(false, false, 0)?, start(false, false, 1)?],
@@ -119,10 +174,10 @@ impl Peel {
             sums,
             arguments,
             fresh_arguments,
+            covered,
             inside,
             fresh_inside,
             layers,
-            corners,
         })
     }
 
@@ -139,6 +194,9 @@ impl Peel {
         report: bool,
     ) -> Result<()> {
         self.project.set_params(work, view)?;
+        for stage in [0, 2] {
+            self.cover[stage].set_params(work, view)?;
+        }
         for draw in [&self.start_back, &self.start_first]
             .into_iter()
             .chain(&self.start_next)
@@ -157,6 +215,7 @@ impl Peel {
                 .copy_buffer_to_buffer(fresh, 0, used, 0, fresh.size());
         }
         self.project.record(work);
+        self.cover.iter().for_each(|pass| pass.record(work));
         {
             let depth = self.depth_attachment(true);
             let mut pass = work.render_pass("render/start", &[cleared(&self.backs, NO_KEY)], depth);
@@ -166,7 +225,8 @@ impl Peel {
             let depth = self.depth_attachment(true);
             let mut pass =
                 work.render_pass("render/start", &[cleared(&self.keys[0], NO_KEY)], depth);
-            self.start_first.record(&mut pass, self.corners, 1);
+            self.start_first
+                .record_indirect(&mut pass, &self.covered, 0);
         }
         {
             let zero = cleared(&self.sums[1], wgpu::Color::TRANSPARENT);

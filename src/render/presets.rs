@@ -1,7 +1,8 @@
-//! Transfer functions by name.
+//! Transfer functions by name: some for tissue, and the colour maps that matplotlib has.
 
 use super::TransferFunction;
 use crate::{Error, Result};
+use colorous::Gradient;
 
 /// One preset: scalars from 0 to 1 over the field, extinction per extent of the mesh.
 struct Preset {
@@ -85,98 +86,163 @@ const PRESETS: &[Preset] = &[
         colour: &[[0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0]],
         extinction: &[[0.0, 0.0], [0.2, 4.0], [1.0, 30.0]],
     },
-    Preset {
-        name: "viridis",
-        colour: &[
-            [0.0, 0.267, 0.005, 0.329],
-            [0.125, 0.278, 0.176, 0.482],
-            [0.25, 0.231, 0.322, 0.545],
-            [0.375, 0.173, 0.447, 0.557],
-            [0.5, 0.129, 0.569, 0.549],
-            [0.625, 0.157, 0.682, 0.502],
-            [0.75, 0.369, 0.788, 0.384],
-            [0.875, 0.678, 0.863, 0.188],
-            [1.0, 0.992, 0.906, 0.145],
-        ],
-        extinction: RISING,
-    },
-    Preset {
-        name: "magma",
-        colour: &[
-            [0.0, 0.0, 0.0, 0.016],
-            [0.125, 0.11, 0.063, 0.267],
-            [0.25, 0.31, 0.071, 0.482],
-            [0.375, 0.506, 0.145, 0.506],
-            [0.5, 0.71, 0.212, 0.478],
-            [0.625, 0.898, 0.314, 0.392],
-            [0.75, 0.984, 0.529, 0.38],
-            [0.875, 0.996, 0.761, 0.529],
-            [1.0, 0.984, 0.992, 0.749],
-        ],
-        extinction: RISING,
-    },
-    Preset {
-        name: "inferno",
-        colour: &[
-            [0.0, 0.0, 0.0, 0.016],
-            [0.125, 0.129, 0.047, 0.29],
-            [0.25, 0.337, 0.063, 0.431],
-            [0.375, 0.537, 0.133, 0.416],
-            [0.5, 0.733, 0.216, 0.329],
-            [0.625, 0.89, 0.349, 0.196],
-            [0.75, 0.976, 0.549, 0.039],
-            [0.875, 0.976, 0.788, 0.196],
-            [1.0, 0.988, 1.0, 0.643],
-        ],
-        extinction: RISING,
-    },
-    Preset {
-        name: "plasma",
-        colour: &[
-            [0.0, 0.051, 0.031, 0.529],
-            [0.125, 0.298, 0.008, 0.631],
-            [0.25, 0.494, 0.012, 0.659],
-            [0.375, 0.663, 0.137, 0.584],
-            [0.5, 0.8, 0.278, 0.471],
-            [0.625, 0.898, 0.42, 0.365],
-            [0.75, 0.973, 0.584, 0.251],
-            [0.875, 0.992, 0.765, 0.157],
-            [1.0, 0.941, 0.976, 0.129],
-        ],
-        extinction: RISING,
-    },
-    Preset {
-        name: "coolwarm",
-        colour: &[
-            [0.0, 0.231, 0.298, 0.753],
-            [0.25, 0.553, 0.69, 0.996],
-            [0.5, 0.867, 0.863, 0.863],
-            [0.75, 0.957, 0.604, 0.482],
-            [1.0, 0.706, 0.016, 0.149],
-        ],
-        extinction: BOTH_ENDS,
-    },
 ];
 
+/// Colours of a map at so many scalars, evenly spaced.
+struct ColourMap {
+    name: &'static str,
+    colours: Colours,
+    nodes: usize,
+    extinction: &'static [[f64; 2]],
+}
+
+/// Where the colours of a [`ColourMap`] come from.
+#[derive(Clone, Copy)]
+enum Colours {
+    Gradient(Gradient),
+    /// The crate has it the other way round.
+    Reversed(Gradient),
+    Listed(&'static [[f64; 3]]),
+}
+
+/// A map of sequential colours: 9 are what ColorBrewer's consist of.
+const fn sequential(name: &'static str, gradient: Gradient, nodes: usize) -> ColourMap {
+    ColourMap {
+        name,
+        colours: Colours::Gradient(gradient),
+        nodes,
+        extinction: RISING,
+    }
+}
+
+/// One of ColorBrewer's diverging maps, of 11 colours.
+const fn diverging(name: &'static str, gradient: Gradient) -> ColourMap {
+    ColourMap {
+        name,
+        colours: Colours::Gradient(gradient),
+        nodes: 11,
+        extinction: BOTH_ENDS,
+    }
+}
+
+/// Colour maps by the names that matplotlib has for them.
+const MAPS: [ColourMap; 34] = [
+    sequential("viridis", colorous::VIRIDIS, 17),
+    sequential("plasma", colorous::PLASMA, 17),
+    sequential("inferno", colorous::INFERNO, 17),
+    sequential("magma", colorous::MAGMA, 17),
+    sequential("cividis", colorous::CIVIDIS, 17),
+    sequential("turbo", colorous::TURBO, 33),
+    sequential("Blues", colorous::BLUES, 9),
+    sequential("Greens", colorous::GREENS, 9),
+    sequential("Greys", colorous::GREYS, 9),
+    sequential("Oranges", colorous::ORANGES, 9),
+    sequential("Purples", colorous::PURPLES, 9),
+    sequential("Reds", colorous::REDS, 9),
+    sequential("BuGn", colorous::BLUE_GREEN, 9),
+    sequential("BuPu", colorous::BLUE_PURPLE, 9),
+    sequential("GnBu", colorous::GREEN_BLUE, 9),
+    sequential("OrRd", colorous::ORANGE_RED, 9),
+    sequential("PuBu", colorous::PURPLE_BLUE, 9),
+    sequential("PuBuGn", colorous::PURPLE_BLUE_GREEN, 9),
+    sequential("PuRd", colorous::PURPLE_RED, 9),
+    sequential("RdPu", colorous::RED_PURPLE, 9),
+    sequential("YlGn", colorous::YELLOW_GREEN, 9),
+    sequential("YlGnBu", colorous::YELLOW_GREEN_BLUE, 9),
+    sequential("YlOrBr", colorous::YELLOW_ORANGE_BROWN, 9),
+    sequential("YlOrRd", colorous::YELLOW_ORANGE_RED, 9),
+    ColourMap {
+        name: "coolwarm",
+        colours: Colours::Listed(&[
+            [0.231, 0.298, 0.753],
+            [0.553, 0.69, 0.996],
+            [0.867, 0.863, 0.863],
+            [0.957, 0.604, 0.482],
+            [0.706, 0.016, 0.149],
+        ]),
+        nodes: 5,
+        extinction: BOTH_ENDS,
+    },
+    diverging("Spectral", colorous::SPECTRAL),
+    diverging("RdBu", colorous::RED_BLUE),
+    diverging("RdGy", colorous::RED_GREY),
+    diverging("RdYlBu", colorous::RED_YELLOW_BLUE),
+    diverging("RdYlGn", colorous::RED_YELLOW_GREEN),
+    diverging("BrBG", colorous::BROWN_GREEN),
+    diverging("PiYG", colorous::PINK_GREEN),
+    diverging("PRGn", colorous::PURPLE_GREEN),
+    ColourMap {
+        colours: Colours::Reversed(colorous::PURPLE_ORANGE),
+        ..diverging("PuOr", colorous::PURPLE_ORANGE)
+    },
+];
+/// What a name ends in that asks for a map the other way round, as matplotlib has it.
+const REVERSED: &str = "_r";
+
+impl ColourMap {
+    /// The map, or the other way round.
+    fn transfer(&self, reversed: bool) -> Result<TransferFunction> {
+        let last = self.nodes - 1;
+        let of = |gradient: Gradient, i: usize| {
+            let colour = gradient.eval_rational(i, self.nodes);
+            colour.into_array().map(|c| f64::from(c) / 255.0)
+        };
+        let node = |i: usize| {
+            let from = if reversed { last - i } else { i };
+            let [r, g, b] = match self.colours {
+                Colours::Gradient(gradient) => of(gradient, from),
+                Colours::Reversed(gradient) => of(gradient, last - from),
+                Colours::Listed(colours) => colours[from],
+            };
+            [i as f64 / last as f64, r, g, b]
+        };
+        let colour = (0..self.nodes).map(node).collect();
+        TransferFunction::relative(colour, self.extinction.to_vec())
+    }
+}
+
+/// What to say of a name that no preset has: the nearest one first, if any is near.
+fn unknown(name: &str) -> Error {
+    let lower = name.to_lowercase();
+    let names = TransferFunction::preset_names();
+    let near = names
+        .iter()
+        .map(|known| (strsim::osa_distance(&known.to_lowercase(), &lower), known))
+        .min()
+        .filter(|(distance, _)| *distance <= 1 + lower.len() / 4);
+    let meant = near.map_or(String::new(), |(_, known)| {
+        format!("did you mean \"{known}\"? ")
+    });
+    Error::Input(format!(
+        "there is no transfer function preset \"{name}\"; {meant}the presets are {}, and colour maps the other way round, such as viridis_r",
+        names.join(", ")
+    ))
+}
+
 impl TransferFunction {
-    /// The preset called `name`, relative to the field's range and the mesh's extent.
+    /// The preset called `name`, relative to the field's range and the mesh's extent; a colour map
+    /// the other way round with `_r` at the end of its name.
     ///
     /// # Errors
-    /// When there is none of that name; the message lists those there are.
+    /// When there is none of that name; the message says which is nearest, and lists all.
     pub fn preset(name: &str) -> Result<TransferFunction> {
-        let found = PRESETS.iter().find(|p| p.name.eq_ignore_ascii_case(name));
-        let preset = found.ok_or_else(|| {
-            Error::Input(format!(
-                "there is no transfer function preset \"{name}\"; the presets are {}",
-                TransferFunction::preset_names().join(", ")
-            ))
-        })?;
-        TransferFunction::relative(preset.colour.to_vec(), preset.extinction.to_vec())
+        let is = |known: &str, name: &str| known.eq_ignore_ascii_case(name);
+        if let Some(preset) = PRESETS.iter().find(|p| is(p.name, name)) {
+            return TransferFunction::relative(preset.colour.to_vec(), preset.extinction.to_vec());
+        }
+        let map = |name: &str| MAPS.iter().find(|m| is(m.name, name));
+        let reversed = name.strip_suffix(REVERSED).and_then(map);
+        match (map(name), reversed) {
+            (Some(map), _) => map.transfer(false),
+            (None, Some(map)) => map.transfer(true),
+            (None, None) => Err(unknown(name)),
+        }
     }
 
     /// The names that [`TransferFunction::preset`] knows.
     pub fn preset_names() -> Vec<&'static str> {
-        PRESETS.iter().map(|p| p.name).collect()
+        let own = PRESETS.iter().map(|p| p.name);
+        own.chain(MAPS.iter().map(|m| m.name)).collect()
     }
 }
 
@@ -193,7 +259,69 @@ mod tests {
                 .resolved((0.0, 1.0), 1.0);
             assert!(tf.max_extinction() > 1.0, "{name} shows nothing");
         }
-        let message = TransferFunction::preset("bones").unwrap_err().to_string();
+        let said = |name: &str| TransferFunction::preset(name).unwrap_err().to_string();
+        let message = said("bones");
         assert!(message.contains("bone, muscle, skin"), "{message}");
+        assert!(message.contains("did you mean \"bone\"?"), "{message}");
+        assert!(said("virdis").contains("did you mean \"viridis\"?"));
+        assert!(!said("something else").contains("did you mean"));
+    }
+
+    fn colours(name: &str, scalars: &[f64]) -> Vec<[u8; 3]> {
+        let transfer = TransferFunction::preset(name).unwrap();
+        let transfer = transfer.resolved((0.0, 1.0), 1.0);
+        let bytes = |s: &f64| transfer.colour(*s).map(|c| (255.0 * c).round() as u8);
+        scalars.iter().map(bytes).collect()
+    }
+
+    #[test]
+    fn maps_have_the_colours_of_matplotlib() {
+        // As `matplotlib.colormaps[name]([0.0, 0.5, 1.0])` gives them.
+        for (name, expected) in [
+            ("viridis", [[68, 1, 84], [33, 145, 140], [253, 231, 37]]),
+            ("magma", [[0, 0, 4], [183, 55, 121], [252, 253, 191]]),
+            ("RdBu", [[103, 0, 31], [247, 247, 247], [5, 48, 97]]),
+            ("PuOr", [[127, 59, 8], [247, 247, 247], [45, 0, 75]]),
+            ("YlGn", [[255, 255, 229], [120, 198, 121], [0, 69, 41]]),
+            ("Greys", [[255, 255, 255], [150, 150, 150], [0, 0, 0]]),
+        ] {
+            for (seen, expected) in colours(name, &[0.0, 0.5, 1.0]).iter().zip(expected) {
+                let off = seen.iter().zip(expected).map(|(a, b)| a.abs_diff(b));
+                assert!(off.max().unwrap() <= 2, "{name}: {seen:?} {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_map_reversed_is_the_map_from_its_other_end() {
+        let scalars: Vec<f64> = (0..=20).map(|i| f64::from(i) / 20.0).collect();
+        for name in ["viridis", "RdBu", "PuOr", "coolwarm"] {
+            let mut there = colours(name, &scalars);
+            there.reverse();
+            for (a, b) in colours(&format!("{name}_r"), &scalars).iter().zip(&there) {
+                // A half may be rounded either way.
+                assert!(a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= 1), "{name}");
+            }
+        }
+        assert!(
+            TransferFunction::preset("bone_r").is_err(),
+            "a tissue is none"
+        );
+    }
+
+    #[test]
+    fn lines_between_their_nodes_are_near_the_maps() {
+        for map in &MAPS[..6] {
+            let Colours::Gradient(gradient) = map.colours else {
+                unreachable!()
+            };
+            let scalars: Vec<f64> = (0..=100).map(|i| f64::from(i) / 100.0).collect();
+            for (s, seen) in scalars.iter().zip(colours(map.name, &scalars)) {
+                let true_one = gradient.eval_continuous(*s).into_array();
+                let off = seen.iter().zip(true_one).map(|(a, b)| a.abs_diff(b));
+                let off = off.max().unwrap();
+                assert!(off <= 8, "{} at {s}: {off} of 255", map.name);
+            }
+        }
     }
 }

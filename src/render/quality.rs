@@ -50,6 +50,7 @@ impl RaycastOptions {
     fn keeping(tolerance: f64) -> RaycastOptions {
         RaycastOptions {
             walk: Default::default(),
+            reads: Default::default(),
             table: Default::default(),
             texel: Default::default(),
             table_size: None,
@@ -57,6 +58,7 @@ impl RaycastOptions {
             layers: 32,
             accuracy: TABLE_SHARE * tolerance,
             light: Light::None,
+            shadows: 0.0,
         }
     }
 }

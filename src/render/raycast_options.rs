@@ -16,6 +16,30 @@ pub enum Walk {
     Planes,
 }
 
+/// How a walk reads the mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Reads {
+    /// As is faster on the adapter: from storage textures on a software driver, from sampled ones
+    /// on a GPU.
+    #[default]
+    ByAdapter,
+    /// From read-only storage textures.
+    Stored,
+    /// From sampled textures, without a sampler.
+    Sampled,
+}
+
+impl Reads {
+    /// Whether they are from storage textures, on this device.
+    pub(super) fn are_stored(self, gpu: &Gpu) -> bool {
+        match self {
+            Reads::ByAdapter => gpu.adapter().device_type == wgpu::DeviceType::Cpu,
+            Reads::Stored => true,
+            Reads::Sampled => false,
+        }
+    }
+}
+
 /// What a ray gathers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Mode {
@@ -80,6 +104,8 @@ impl From<Mode> for Gathered {
 pub struct RaycastOptions {
     /// How rays walk.
     pub walk: Walk,
+    /// How they read the mesh.
+    pub reads: Reads,
     /// How segments are looked up.
     pub table: TableForm,
     /// What the table's values are held in.
@@ -96,6 +122,9 @@ pub struct RaycastOptions {
     /// The light on the inside, in [`Mode::Composite`]. The geometry has to be made ready for it
     /// ([`Geometry::illuminate`](super::Geometry::illuminate)).
     pub light: Light,
+    /// How dark the light is where the body keeps it off, from 0, which takes no time, to 1: soft
+    /// shadows of a light that stands; by the light of the eye, how little of the sky a place sees.
+    pub shadows: f64,
 }
 
 impl RaycastOptions {
@@ -120,6 +149,12 @@ impl RaycastOptions {
             ));
         }
         self.light.check()?;
+        if !(0.0..=1.0).contains(&self.shadows) {
+            return wrong(format!(
+                "shadows of {}: choose from 0, for none, to 1",
+                self.shadows
+            ));
+        }
         self.table.check()?;
         self.texel.check(gpu)?;
         match self.table_size {

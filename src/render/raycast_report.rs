@@ -119,27 +119,28 @@ impl Raycaster {
             .collect();
         let given = self.gpu.array_of("segments", Texel::F32x4, &given)?;
         let found = self.gpu.array("looked up", Texel::F32x4, segments.len())?;
+        let table = &self.looks.table;
         let view = View {
-            scalar: self.table.scalar(),
-            opacity: self.table.opacity,
+            scalar: table.scalar,
+            opacity: table.opacity,
             nodes: given.len(),
-            layers: self.table.layers,
-            reach: self.table.reach,
+            layers: table.layers,
+            reach: table.reach,
             ..bytemuck::Zeroable::zeroed()
         };
-        let pass = self
-            .gpu
-            .pass("render/look_up")
-            .constant("TABLE", self.options.table.code())
-            .constant("SAMPLES", self.options.table.samples())
-            .constant("OPAQUE", self.options.opaque)
-            .read(&given)
-            .read(&self.table.view)
-            .read(&self.sampler)
-            .write(&found)
-            .params(&view)
-            .over(given.len())?;
-        self.table.fill(&self.gpu)?;
+        let form = table.form;
+        let stored = self.options.reads.are_stored(&self.gpu);
+        let name = format!("render/look_up {}", form.term(stored));
+        let mut pass = self.gpu.pass(&name).read(&given).write(&found);
+        for (constant, value) in table.constants() {
+            pass = pass.constant(constant, *value);
+        }
+        pass = pass.params(&view).read(&table.view);
+        if form.is_sampled() {
+            pass = pass.read(&self.sampler);
+        }
+        let pass = pass.over(given.len())?;
+        self.looks.table.fill(&self.gpu)?;
         let mut work = self.gpu.record();
         pass.record(&mut work);
         work.submit()?;

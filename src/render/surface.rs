@@ -236,8 +236,18 @@ impl Surface {
     /// # Errors
     /// As [`Surface::record`].
     pub fn image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<Image> {
+        self.image_of_samples(camera, size, SAMPLES)
+    }
+
+    /// As [`Surface::image`], drawn `samples` times larger each way and averaged.
+    pub(crate) fn image_of_samples(
+        &mut self,
+        camera: &Camera,
+        size: [u32; 2],
+        samples: u32,
+    ) -> Result<Image> {
         let gpu = self.gpu.clone();
-        let fine = size.map(|n| n.saturating_mul(SAMPLES));
+        let fine = size.map(|n| n.saturating_mul(samples));
         let mut depth: Option<wgpu::TextureView> = None;
         let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
             let depth = match depth.take() {
@@ -256,7 +266,7 @@ impl Surface {
         Ok(Image {
             size,
             channels: 4,
-            values: averaged(&pixels, size, SAMPLES),
+            values: averaged(&pixels, size, samples),
         })
     }
 

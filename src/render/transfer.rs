@@ -105,6 +105,35 @@ impl TransferFunction {
         denser.extinction.iter_mut().for_each(|n| n[1] *= factor);
         denser
     }
+
+    /// The same extinction in one colour.
+    pub fn coloured(&self, [r, g, b]: [f64; 3]) -> TransferFunction {
+        TransferFunction {
+            colour: vec![[0.0, r, g, b]],
+            ..self.clone()
+        }
+    }
+
+    /// The same colours, all scalars of extinction `density` per unit of length of a mesh of extent
+    /// `size` (longest side of its bounds).
+    pub fn as_dense(&self, density: f64, size: f64) -> TransferFunction {
+        let unit = if self.relative { size } else { 1.0 };
+        TransferFunction {
+            extinction: vec![[0.0, density * unit]],
+            ..self.clone()
+        }
+    }
+}
+
+/// A colour by its name in CSS, or as `#RRGGBB`; red, green and blue from 0 to 1.
+pub(crate) fn named_colour(name: &str) -> Result<[f64; 3]> {
+    let colour = csscolorparser::parse(name).map_err(|_| {
+        Error::Input(format!(
+            "\"{name}\" is no colour; give one by name or as #RRGGBB, such as tomato or #d04030"
+        ))
+    })?;
+    let [r, g, b, _] = colour.to_array();
+    Ok([r, g, b].map(f64::from))
 }
 
 impl ResolvedTransfer {

@@ -1,11 +1,12 @@
 //! Pressures, moves and muscles of a scene, as time goes on.
 
-use super::path::{acceleration, along, check, read_path, value_at};
+use super::path::{Way, acceleration, value_at};
+use super::tool::Guided;
 use super::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene};
 use crate::mesh::{Location, TetMesh};
 use crate::physics::{Acting, LedId, LevelId, Muscle, Simulator, SolverKind};
 use crate::{Error, Result};
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 
 /// The cosine between a face's normal and the direction that it faces, at least.
 const FACING: f64 = std::f64::consts::FRAC_1_SQRT_2;
@@ -14,6 +15,7 @@ const FACING: f64 = std::f64::consts::FRAC_1_SQRT_2;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Actors {
     pub movers: Vec<Mover>,
+    pub tools: Vec<Guided>,
     levels: Vec<(LevelId, Course)>,
 }
 
@@ -25,16 +27,19 @@ pub(super) struct Mover {
     pub nodes: Vec<u32>,
     id: LedId,
     rest: Vec<DVec3>,
-    path: Vec<[f64; 4]>,
-    turn: Vec<[f64; 2]>,
-    axis: DVec3,
+    way: Way,
     about: DVec3,
 }
 
 impl Actors {
-    /// Puts what `scene` has of them on its body.
-    pub fn new(scene: &Scene, body: &mut dyn Simulator) -> Result<Actors> {
+    /// Puts what `scene` has of them on its body, and notes what a user should know of them.
+    pub fn new(scene: &Scene, body: &mut dyn Simulator, notes: &mut Vec<String>) -> Result<Actors> {
         let mut actors = Actors::default();
+        for (i, entry) in scene.tool.iter().enumerate() {
+            let (guided, note) = entry.guided(i, body)?;
+            actors.tools.push(guided);
+            notes.extend(note);
+        }
         for (i, entry) in scene.moves.iter().enumerate() {
             actors.movers.push(entry.mover(i, body)?);
         }
@@ -67,7 +72,14 @@ impl Actors {
     /// Whether anything changes as time goes on.
     pub fn change(&self) -> bool {
         let keyed = |(_, course): &(LevelId, Course)| matches!(course, Course::Keys(_));
-        !self.movers.is_empty() || self.levels.iter().any(keyed)
+        let tools = self.tools.iter().any(Guided::moves);
+        tools || !self.movers.is_empty() || self.levels.iter().any(keyed)
+    }
+
+    /// Puts tools where they are at first.
+    pub fn restart(&self, body: &mut dyn Simulator) -> Result<()> {
+        let mut tools = self.tools.iter();
+        tools.try_for_each(|tool| body.loads_mut().put_tool(tool.id, tool.pose(0.0)))
     }
 
     /// Sets all for the step of `dt` seconds, or for none, that begins at `time`.
@@ -82,6 +94,9 @@ impl Actors {
                 }
             };
             body.loads_mut().set_led(mover.id, &now, &velocities)?;
+        }
+        for tool in &self.tools {
+            body.loads_mut().guide_tool(tool.id, tool.pose(time + dt))?;
         }
         // Where in the step its forces are taken.
         let kind = body.integrator();
@@ -98,7 +113,7 @@ impl Actors {
 }
 
 impl Course {
-    fn check(&self, what: &str) -> Result<()> {
+    pub(super) fn check(&self, what: &str) -> Result<()> {
         let Course::Keys(keys) = self else {
             return Ok(());
         };
@@ -160,30 +175,11 @@ impl PressureEntry {
 impl MoveEntry {
     fn mover(&self, number: usize, body: &mut dyn Simulator) -> Result<Mover> {
         let nodes = self.on.nodes(body.mesh())?;
-        let path = match (&self.path, &self.file) {
-            (Some(_), Some(_)) => {
-                return Err(Error::Input(
-                    "a [[move]] has both `path` and `file`; give one of them".into(),
-                ));
-            }
-            (Some(path), None) => path.clone(),
-            (None, Some(file)) => read_path(file)?,
-            (None, None) => vec![[0.0; 4]],
-        };
-        check(&path, 1, "move")?;
-        let turn = self.turn.clone().unwrap_or_default();
-        Course::Keys(turn.clone())
-            .check("turn")
-            .or_else(|e| match turn.is_empty() {
-                true => Ok(()),
-                false => Err(e),
-            })?;
-        let axis = DVec3::from(self.axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
-        if axis == DVec3::ZERO || self.axis.is_some() == turn.is_empty() {
-            return Err(Error::Input(
-                "a [[move]] turns about an `axis`, a direction, by a `turn`, a list of [time, degrees]; give both or neither".into(),
-            ));
-        }
+        let way = Way::new(
+            "move",
+            (self.path.as_deref(), self.file.as_deref()),
+            (self.turn.as_deref(), self.axis),
+        )?;
         let mesh = &body.mesh().nodes;
         let rest: Vec<DVec3> = nodes.iter().map(|v| mesh[*v as usize]).collect();
         let middle = rest.iter().sum::<DVec3>() / rest.len() as f64;
@@ -194,9 +190,7 @@ impl MoveEntry {
             nodes,
             id,
             rest,
-            path,
-            turn,
-            axis,
+            way,
             about: self.about.map_or(middle, DVec3::from),
         })
     }
@@ -212,15 +206,8 @@ impl Mover {
     }
 
     fn place(&self, rest: DVec3, time: f64) -> DVec3 {
-        let moved = along(&self.path, time);
-        let turned = match self.turn.is_empty() {
-            true => rest - self.about,
-            false => {
-                let angle = value_at(&self.turn, time).to_radians();
-                DQuat::from_axis_angle(self.axis, angle) * (rest - self.about)
-            }
-        };
-        self.about + turned + moved
+        let (turned, moved) = self.way.at(time);
+        self.about + turned * (rest - self.about) + moved
     }
 
     /// Each node, and its acceleration over the step of length `dt` that ended at `time`, file

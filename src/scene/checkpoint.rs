@@ -19,7 +19,7 @@ use std::path::Path;
 
 /// The first line of the file: what it is, and the version of Palpate that wrote it. Another
 /// version steps and cuts in its own way.
-const FIRST_LINE: &str = concat!("palpate checkpoint 4 ", env!("CARGO_PKG_VERSION"), "\n");
+const FIRST_LINE: &str = concat!("palpate checkpoint 5 ", env!("CARGO_PKG_VERSION"), "\n");
 
 /// A cut that was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -159,14 +159,16 @@ fn of_scene(scene: &Scene) -> u32 {
     };
     let moves = plain.moves.iter_mut().filter_map(|m| m.file.as_mut());
     moves.for_each(&mut file);
+    for tool in &mut plain.tool {
+        let files = [&mut tool.file, &mut tool.surface];
+        files.into_iter().flatten().for_each(&mut file);
+    }
     for skin in &mut plain.skin {
         file(&mut skin.file);
         skin.normal_map.iter_mut().for_each(&mut file);
         skin.height_map.iter_mut().for_each(&mut file);
     }
-    if let Some(transfer) = &mut plain.picture.transfer
-        && transfer.ends_with(".json")
-    {
+    for transfer in plain.picture.transfer_files() {
         let mut path = transfer.as_str().into();
         file(&mut path);
         *transfer = path.to_string_lossy().into_owned();

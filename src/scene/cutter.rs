@@ -116,6 +116,11 @@ impl Stage {
             let (positions, scalars) = (simulator.nodes().array(), self.scalars.scalars());
             let geometry = self.raycaster.geometry_mut();
             geometry.follow(mesh, topology, &change.mesh, positions, scalars)?;
+            if !change.mesh.removed.is_empty() {
+                let transfer = self.scene.transfer(&self.scalars)?;
+                let looks = self.scene.region_looks(mesh, topology, &transfer)?;
+                self.raycaster.set_regions(looks.as_ref())?;
+            }
             self.surface
                 .follow(self.raycaster.geometry(), &self.scalars.values)?;
         }

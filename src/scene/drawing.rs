@@ -56,6 +56,9 @@ impl Stage {
     /// As [`Raycaster::image`](crate::render::Raycaster::image).
     pub fn image(&mut self) -> Result<Image> {
         self.publish_now()?;
+        if self.follow_tools()? {
+            self.cached = None;
+        }
         let version = self.drive.nodes().version();
         if let Some(cached) = &self.cached
             && (cached.version, cached.camera) == (version, self.camera)
@@ -73,24 +76,50 @@ impl Stage {
         Ok(image)
     }
 
+    /// Brings the tools that are drawn to where they are. Whether any was elsewhere.
+    fn follow_tools(&mut self) -> Result<bool> {
+        let mut moved = false;
+        if let Drive::Simulated(motion) = &self.drive {
+            for tool in &mut self.tools {
+                moved |= tool.follow(&self.gpu, motion)?;
+            }
+        }
+        Ok(moved)
+    }
+
     fn draw(&mut self) -> Result<Image> {
         self.refresh_field()?;
+        let samples = self.samples;
+        let bare = self.skins.is_empty() && self.tools.is_empty();
+        let shows = self.raycaster.inside().shows_surfaces();
+        let tools = self.tools.iter_mut().map(|tool| &mut tool.skin);
         match self.mode {
-            DisplayMode::Inside(Mode::Composite) if !self.skins.is_empty() => {
+            DisplayMode::Inside(Mode::Composite) if !bare => {
                 let inside = Some(&mut self.raycaster);
-                let skins = &mut self.skins;
-                self.composer.image(skins, inside, &self.camera, self.size)
+                let all = self.skins.iter_mut().chain(tools);
+                self.composer.image(all, inside, &self.camera, self.size)
             }
-            DisplayMode::Inside(mode) => self.raycaster.image(&self.camera, self.size, mode),
-            DisplayMode::Surface if self.raycaster.inside().shows_surfaces() => {
-                let (surface, inside) = (&mut self.surface, &mut self.raycaster);
+            DisplayMode::Inside(mode) => {
+                let fine = self.size.map(|n| n.saturating_mul(samples));
+                let image = self.raycaster.image(&self.camera, fine, mode)?;
+                Ok(match samples {
+                    1 => image,
+                    n => image.shrunk(n),
+                })
+            }
+            DisplayMode::Surface if shows || tools.len() > 0 => {
+                let surface = (&mut self.surface, tools);
+                let inside = shows.then_some(&mut self.raycaster);
                 self.composer
                     .boundary_image(surface, inside, &self.camera, self.size)
             }
-            DisplayMode::Surface => self.surface.image(&self.camera, self.size),
+            DisplayMode::Surface => {
+                let camera = &self.camera;
+                self.surface.image_of_samples(camera, self.size, samples)
+            }
             DisplayMode::Skin => {
-                let skins = &mut self.skins;
-                self.composer.image(skins, None, &self.camera, self.size)
+                let all = self.skins.iter_mut().chain(tools);
+                self.composer.image(all, None, &self.camera, self.size)
             }
         }
     }
@@ -103,22 +132,31 @@ impl Stage {
     pub fn record(&mut self, work: &mut Recorder, colour: &wgpu::TextureView) -> Result<()> {
         self.publish(work)?;
         self.refresh_field()?;
+        self.follow_tools()?;
         let background = Some([0.0, 0.0, 0.0, 1.0]);
         let target = Target {
             colour,
             occluder: None,
             background,
         };
-        let (camera, skins) = (&self.camera, &mut self.skins);
+        let camera = &self.camera;
+        let bare = self.skins.is_empty() && self.tools.is_empty();
+        let shows = self.raycaster.inside().shows_surfaces();
+        let tools = self.tools.iter_mut().map(|tool| &mut tool.skin);
         match self.mode {
-            DisplayMode::Skin => self.composer.record(work, skins, None, camera, &target),
-            DisplayMode::Inside(Mode::Composite) if !skins.is_empty() => {
+            DisplayMode::Skin => {
+                let all = self.skins.iter_mut().chain(tools);
+                self.composer.record(work, all, None, camera, &target)
+            }
+            DisplayMode::Inside(Mode::Composite) if !bare => {
                 let inside = Some(&mut self.raycaster);
-                self.composer.record(work, skins, inside, camera, &target)
+                let all = self.skins.iter_mut().chain(tools);
+                self.composer.record(work, all, inside, camera, &target)
             }
             DisplayMode::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
-            DisplayMode::Surface if self.raycaster.inside().shows_surfaces() => {
-                let (surface, inside) = (&mut self.surface, &mut self.raycaster);
+            DisplayMode::Surface if shows || tools.len() > 0 => {
+                let surface = (&mut self.surface, tools);
+                let inside = shows.then_some(&mut self.raycaster);
                 self.composer
                     .record_boundary(work, surface, inside, camera, &target)
             }
@@ -150,14 +188,6 @@ impl Stage {
         )?;
         self.depth = Some(depth.clone());
         Ok(depth)
-    }
-
-    /// Draws the picture and saves it, with the scene's background and bit depth.
-    ///
-    /// # Errors
-    /// As [`Stage::image`] and [`Image::save_as`].
-    pub fn save(&mut self, path: impl AsRef<std::path::Path>) -> Result<()> {
-        self.image()?.save_as(path, self.background, self.bits)
     }
 
     /// The extension that suits the pictures of this stage.

@@ -221,6 +221,14 @@ impl MaterialEntry {
         })
     }
 
+    /// ν of what no region says otherwise of.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a material that makes no sense.
+    pub fn poisson_of(&self, mesh: &TetMesh) -> Result<f64> {
+        Ok(self.material(mesh, true)?.0.poisson)
+    }
+
     /// The material of a body of tets (or a lattice of them), or of particles on a grid, and in words what each region is made
     /// of; what is not said is as in [`Material::soft_tissue`], but for the model.
     pub(super) fn material(

@@ -1,10 +1,11 @@
 //! What a picture and a step cost, and what they found: the content of `--report`.
 
+use super::tool::Guided;
 use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
 use crate::gpu::{Gpu, texture_loads};
-use crate::physics::{Energy, Engine, MemberReport, Report};
+use crate::physics::{Energy, Engine, MemberReport, Reaction, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use web_time::Instant;
@@ -52,6 +53,9 @@ pub struct StageReport {
     pub cg: Option<CgReport>,
     /// Energies, J; none where nothing moves.
     pub energy: Option<Energy>,
+    /// What the body exerts on each tool that presses on it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tools: Vec<ToolReport>,
     /// Volume now over volume at rest.
     pub volume_ratio: f64,
     /// The farthest any node is from where it rested, in file units.
@@ -88,7 +92,36 @@ pub struct CgReport {
     pub residual: f64,
 }
 
+/// What a body exerts on a tool.
+#[derive(Clone, Debug, Serialize)]
+pub struct ToolReport {
+    /// The tool's name.
+    pub name: String,
+    /// N.
+    pub force: [f64; 3],
+    /// About the tool's middle, N·m.
+    pub moment: [f64; 3],
+}
+
 impl Stage {
+    /// What the body exerts on each tool where it stands.
+    ///
+    /// # Errors
+    /// As [`Simulator::tool_forces`](crate::physics::Simulator::tool_forces).
+    pub fn tool_reports(&mut self) -> Result<Vec<ToolReport>> {
+        let Some(motion) = self.motion_mut() else {
+            return Ok(Vec::new());
+        };
+        let forces = motion.simulator.tool_forces()?;
+        let tools = motion.actors.tools.iter().zip(forces);
+        let report = |(tool, on): (&Guided, Reaction)| ToolReport {
+            name: tool.name.clone(),
+            force: on.force.to_array(),
+            moment: on.moment.to_array(),
+        };
+        Ok(tools.map(report).collect())
+    }
+
     /// Draws `frames` frames after a warm-up, steps the solver as often if there is one, and
     /// reports what that took and what the last picture found.
     ///
@@ -100,6 +133,7 @@ impl Stage {
         let passes_recorded = self.gpu.passes_recorded();
         let [pictures_drawn, pictures_kept] = self.pictures;
         let state = self.motion().map(Motion::report).transpose()?;
+        let tools = self.tool_reports()?;
         let picture = self.raycaster.report(&self.camera, self.size)?;
         let cg = self.motion().and_then(|m| m.progress()).and_then(|p| {
             (p.last.iterations > 0).then_some(CgReport {
@@ -148,6 +182,7 @@ impl Stage {
             readbacks,
             cg,
             energy: state.map(|s: Report| s.energy),
+            tools,
             volume_ratio: state.map_or(1.0, |s| s.volume_ratio),
             max_displacement: state.map_or(0.0, |s| s.max_displacement),
             diagonal: (bounds.1 - bounds.0).length(),

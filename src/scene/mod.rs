@@ -31,15 +31,18 @@
 //! ```
 
 mod acting;
+mod annotated;
 mod attachment;
 mod bodies;
 mod cage;
 mod checkpoint;
 mod cutter;
 mod drawing;
+mod drawn_tool;
 mod entries;
 mod grid;
 mod load;
+mod looks;
 mod material;
 mod measure;
 mod motion;
@@ -56,6 +59,7 @@ mod source;
 mod stage;
 #[cfg(test)]
 mod tests;
+mod tool;
 mod words;
 
 pub use cage::CageEntry;
@@ -64,7 +68,7 @@ pub use entries::*;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 #[cfg(feature = "study")]
 pub(crate) use measure::median_ms;
-pub use measure::{CgReport, StageReport};
+pub use measure::{CgReport, StageReport, ToolReport};
 pub use motion::Motion;
 pub(crate) use picture::SIZE;
 pub use reactions::ReactionLog;
@@ -117,6 +121,9 @@ pub struct Scene {
     /// What contracts.
     #[serde(default)]
     pub muscle: Vec<MuscleEntry>,
+    /// What presses on it.
+    #[serde(default)]
+    pub tool: Vec<ToolEntry>,
     /// What cuts it.
     #[serde(default)]
     pub cut: Vec<CutEntry>,
@@ -203,15 +210,18 @@ impl Scene {
         for entry in &mut scene.moves {
             entry.file = entry.file.take().map(|file| folder.join(file));
         }
+        for entry in &mut scene.tool {
+            for file in [&mut entry.file, &mut entry.surface] {
+                *file = file.take().map(|file| folder.join(file));
+            }
+        }
         for skin in &mut scene.skin {
             skin.file = folder.join(&skin.file);
             for map in [&mut skin.normal_map, &mut skin.height_map] {
                 *map = map.take().map(|file| folder.join(file));
             }
         }
-        if let Some(transfer) = &mut scene.picture.transfer
-            && transfer.ends_with(".json")
-        {
+        for transfer in scene.picture.transfer_files() {
             *transfer = folder.join(&transfer).to_string_lossy().into_owned();
         }
         Ok(scene)
@@ -231,6 +241,7 @@ impl Scene {
             (self.pressure.is_empty(), "[[pressure]]"),
             (self.moves.is_empty(), "[[move]]"),
             (self.muscle.is_empty(), "[[muscle]]"),
+            (self.tool.is_empty(), "[[tool]]"),
         ];
         all.into_iter()
             .find(|(none, _)| !none)

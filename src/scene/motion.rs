@@ -182,6 +182,7 @@ impl Motion {
         self.progress = None;
         self.sleep = Sleep::new(scene.solver.sleep.unwrap_or(true));
         self.simulator.restart()?;
+        self.actors.restart(self.simulator.as_mut())?;
         let kind = self.simulator.integrator();
         self.simulator
             .set_integrator(kind, scene.conjugate_gradients())

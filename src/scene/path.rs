@@ -1,7 +1,8 @@
 //! Paths of attachments and cutters: places at times, linear between them.
 
+use super::Course;
 use crate::{Error, Result};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::path::Path;
 
 /// Refuses a path of fewer than `least` places, or whose times do not increase.
@@ -78,5 +79,67 @@ pub(super) fn along(path: &[[f64; 4]], time: f64) -> DVec3 {
         (Some(a), Some(b)) => place(a).lerp(place(b), (time - a[0]) / (b[0] - a[0])),
         (Some(only), None) | (None, Some(only)) => place(only),
         (None, None) => DVec3::ZERO,
+    }
+}
+
+/// How something is moved and turned as time goes on.
+#[derive(Clone, Debug)]
+pub(super) struct Way {
+    path: Vec<[f64; 4]>,
+    turn: Vec<[f64; 2]>,
+    axis: DVec3,
+}
+
+impl Way {
+    /// The way of a `what` with a path, or the file of one, and with a turn about an axis.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for what makes no sense, and what reading the file gives.
+    pub fn new(
+        what: &str,
+        (path, file): (Option<&[[f64; 4]]>, Option<&Path>),
+        (turn, axis): (Option<&[[f64; 2]]>, Option<[f64; 3]>),
+    ) -> Result<Way> {
+        let path = match (path, file) {
+            (Some(_), Some(_)) => {
+                return Err(Error::Input(format!(
+                    "a [[{what}]] has both `path` and `file`; give one of them"
+                )));
+            }
+            (Some(path), None) => path.to_vec(),
+            (None, Some(file)) => read_path(file)?,
+            (None, None) => vec![[0.0; 4]],
+        };
+        check(&path, 1, what)?;
+        let turn = turn.unwrap_or_default().to_vec();
+        if !turn.is_empty() {
+            Course::Keys(turn.clone()).check("turn")?;
+        }
+        let unit = DVec3::from(axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
+        if unit == DVec3::ZERO || axis.is_some() == turn.is_empty() {
+            return Err(Error::Input(format!(
+                "a [[{what}]] turns about an `axis`, a direction, by a `turn`, a list of [time, degrees]; give both or neither"
+            )));
+        }
+        Ok(Way {
+            path,
+            turn,
+            axis: unit,
+        })
+    }
+
+    /// How it is turned at `time`, and by how much it has moved.
+    pub fn at(&self, time: f64) -> (DQuat, DVec3) {
+        let turned = match self.turn.is_empty() {
+            true => DQuat::IDENTITY,
+            false => DQuat::from_axis_angle(self.axis, value_at(&self.turn, time).to_radians()),
+        };
+        (turned, along(&self.path, time))
+    }
+
+    /// Whether it is not always the same.
+    pub fn moves(&self) -> bool {
+        let places = self.path.windows(2).any(|w| w[0][1..] != w[1][1..]);
+        places || self.turn.windows(2).any(|w| w[0][1] != w[1][1])
     }
 }

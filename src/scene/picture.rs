@@ -15,6 +15,9 @@ pub(crate) const SIZE: [u32; 2] = [1024, 768];
 /// Colour of a surface that shows no field.
 const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
 
+/// Share of the width that a legend takes at the right of a picture whose view nobody chose.
+const LEGEND: f64 = 0.22;
+
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DisplayMode {
@@ -71,6 +74,13 @@ impl Scene {
         }
         let mut raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
         raycaster.set_inside(&inside)?;
+        let looks = self.region_looks(mesh, topology, &transfer)?;
+        if looks.is_some() {
+            if matches!(mode, DisplayMode::Surface | DisplayMode::Skin) {
+                notes.push("regions have looks of their own, and are hidden, in pictures of the inside; mode surface and skin show the boundary of all".into());
+            }
+            raycaster.set_regions(looks.as_ref())?;
+        }
         Ok((raycaster, surface))
     }
 
@@ -129,14 +139,19 @@ impl Scene {
 
     /// The scene's transfer function, or what suits `seen`.
     pub(crate) fn transfer(&self, seen: &ScalarField) -> Result<TransferFunction> {
-        match self.picture.transfer.as_deref() {
-            None => match &seen.transfer {
-                Some(own) => Ok(own.clone()),
-                None => TransferFunction::preset("tissue"),
-            },
-            Some(json) if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
-            Some(file) if file.ends_with(".json") => TransferFunction::read(file),
-            Some(name) => TransferFunction::preset(name),
+        match (&self.picture.transfer, &seen.transfer) {
+            (Some(named), _) => self.named_transfer(named),
+            (None, Some(own)) => Ok(own.clone()),
+            (None, None) => TransferFunction::preset("tissue"),
+        }
+    }
+
+    /// A preset, the JSON itself, or what a JSON file holds.
+    pub(super) fn named_transfer(&self, named: &str) -> Result<TransferFunction> {
+        match named {
+            json if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
+            file if file.ends_with(".json") => TransferFunction::read(file),
+            name => TransferFunction::preset(name),
         }
     }
 
@@ -163,15 +178,38 @@ impl Scene {
         }
         options.layers = self.picture.layers.unwrap_or(options.layers);
         options.light = self.light.from.unwrap_or(Light::Head);
+        let shadows = self.light.shadows.unwrap_or(options.shadows);
+        if !(0.0..=1.0).contains(&shadows) {
+            return Err(Error::Input(format!(
+                "[light] shadows = {shadows}: from 0, for none, to 1 is expected"
+            )));
+        }
+        options.shadows = shadows;
         Ok(options)
     }
 
-    pub(super) fn compose_options(&self) -> ComposeOptions {
-        let options = ComposeOptions::default();
-        ComposeOptions {
-            samples: self.picture.samples.unwrap_or(options.samples),
-            ..options
-        }
+    pub(super) fn compose_options(&self) -> Result<ComposeOptions> {
+        Ok(ComposeOptions {
+            samples: self.samples_each_way()?,
+            ..ComposeOptions::default()
+        })
+    }
+
+    /// How many times larger each way than it is shown the picture is drawn.
+    pub(super) fn samples_each_way(&self) -> Result<u32> {
+        let skins = ComposeOptions::default().samples;
+        let Some(samples) = self.picture.samples else {
+            return Ok(match self.display_mode()? {
+                DisplayMode::Surface | DisplayMode::Skin => skins,
+                DisplayMode::Inside(Mode::Composite) if !self.skin.is_empty() => skins,
+                DisplayMode::Inside(_) => 1,
+            });
+        };
+        (1..=8).find(|n| n * n == samples).ok_or_else(|| {
+            Error::Input(format!(
+                "{samples} samples a pixel: choose 1, 4, 9, 16, 25, 36, 49 or 64, which are as many each way"
+            ))
+        })
     }
 
     pub(super) fn display_mode(&self) -> Result<DisplayMode> {
@@ -220,7 +258,11 @@ impl Scene {
     ) -> Result<Camera> {
         use crate::render::Projection;
         let entry = &self.camera;
-        let mut camera = Camera::framing_points(mesh, points, size);
+        let legend = self.picture.legend == Some(true) && entry.is_unset();
+        let mut camera = match legend {
+            true => beside_legend(mesh, points, size),
+            false => Camera::framing_points(mesh, points, size),
+        };
         if let Some(look_at) = entry.look_at {
             // The eye keeps its place relative to what is looked at.
             camera.eye += DVec3::from(look_at) - camera.look_at;
@@ -245,4 +287,17 @@ impl Scene {
         camera.check()?;
         Ok(camera)
     }
+}
+
+/// A camera that frames `points` at the left of where a legend is.
+fn beside_legend(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
+    let left = (1.0 - LEGEND) * f64::from(size[0]);
+    let mut camera = Camera::framing_points(mesh, points, [left as u32, size[1]]);
+    let axes = camera.axes();
+    let distance = camera.eye.distance(camera.look_at);
+    let width = 2.0 * axes.half_height * distance * axes.aspect(size);
+    let aside = 0.5 * LEGEND * width * axes.right;
+    camera.eye += aside;
+    camera.look_at += aside;
+    camera
 }

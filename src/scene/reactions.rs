@@ -1,4 +1,4 @@
-//! What a body exerts on its pins and grabs, as a table of each frame.
+//! What a body exerts on its pins, grabs and tools, as a table of each frame.
 
 use super::stage::Stage;
 use crate::io::atomic_write;
@@ -19,8 +19,8 @@ pub(super) struct PinSet {
 }
 
 /// A CSV file of what a body exerts on everything that holds it, for each frame of a run: its time
-/// in s, the name of the pin, move or grab, the force in N and its moment about the origin of the file's
-/// coordinates in N·m.
+/// in s, the name of the pin, move, grab or tool, the force in N and its moment in N·m: about the
+/// origin of the file's coordinates, of a tool about its middle.
 ///
 /// The force is that of the body in the state of the frame: elastic, damping, the weight of the
 /// nodes held and what else pulls at them, less what accelerates them where they are moved. Of a
@@ -134,8 +134,9 @@ impl PinSet {
 }
 
 impl Stage {
-    /// What the body exerts on each of its pins, moves and grabs where it stands, by name and in this
-    /// order.
+    /// What the body exerts on each of its pins, moves, grabs and tools where it stands, by name and in
+    /// this order: moments are about the origin of the file's coordinates, of tools about their
+    /// middles.
     ///
     /// # Errors
     /// [`Error::Input`] where nothing moves, or nothing holds the body; otherwise as
@@ -171,9 +172,12 @@ impl Stage {
             };
             all.push((name, reaction));
         }
+        let tools = motion.simulator.tool_forces()?;
+        let names = motion.actors.tools.iter().map(|tool| tool.name.clone());
+        all.extend(names.zip(tools));
         match all.is_empty() {
             true => Err(Error::Input(
-                "nothing holds the body, so it exerts no reactions: [[pin]], [[move]] or [[grab]] holds it"
+                "nothing holds the body or presses on it, so it exerts no reactions: [[pin]], [[move]] or [[grab]] holds it, a [[tool]] presses"
                     .into(),
             )),
             false => Ok(all),

@@ -13,7 +13,7 @@ const COLOURS: &str = "viridis";
 /// A field that is computed for each picture.
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
-    field: BodyField,
+    pub(super) field: BodyField,
     /// The version of the nodes that it was computed of.
     version: Option<u64>,
     /// Whether the scene gives its range.
@@ -65,6 +65,7 @@ impl Shown {
             range: scene.picture.range.map_or(shown.range(), |[a, b]| (a, b)),
             note,
             transfer: Some(TransferFunction::preset(COLOURS)?),
+            regions: Vec::new(),
         };
         Ok(Some((shown, scalars)))
     }

@@ -25,6 +25,10 @@ const EXPLICIT_SHARE: f64 = 0.9;
 /// A body longer than this, in metres, is remarked upon: its unit was probably forgotten.
 const REMARKABLE_LENGTH: f64 = 5.0;
 
+/// Of the stiffest tissue over the softest: from here on steps in 32 bits begin to lose what is
+/// soft, and at ten times as much they do (`palpate study scaling`, the bar with a rod).
+const GPU_CONTRAST: f64 = 1e4;
+
 /// A simulator, and what a scene that is silent was taken to mean.
 pub(super) struct Setup {
     pub simulator: Box<dyn Simulator>,
@@ -220,7 +224,13 @@ impl Scene {
         }
         let network = SpringNetwork::new(&mesh, &material)?;
         notes.extend(rigid_notes(&mesh, &network));
+        let contrast = network.elements.contrast();
         let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
+        if kind.is_implicit() && simulator.engine() == Engine::Gpu && contrast >= GPU_CONTRAST {
+            notes.push(format!(
+                "the stiffest tissue is {contrast:.0} times as stiff as the softest, more than the 32 bits of the GPU resolve: what is soft may stand still (--engine cpu, or rigid = true for what is stiff)"
+            ));
+        }
         self.set_up(simulator, notes)
     }
 
@@ -283,11 +293,12 @@ impl Scene {
             let name = name.unwrap_or_else(|| format!("pin{}", i + 1));
             pins.push(PinSet { name, nodes });
         }
-        let actors = Actors::new(self, simulator.as_mut())?;
+        let actors = Actors::new(self, simulator.as_mut(), notes)?;
         if let Some(floor) = &self.floor {
             simulator.add_term(Arc::new(floor.term(simulator.as_ref())?))?;
         }
-        let loose = self.pin.is_empty() && self.moves.is_empty() && self.floor.is_none();
+        let held = !(self.pin.is_empty() && self.moves.is_empty()) || self.floor.is_some();
+        let loose = !(held || self.stands());
         let end = match loose {
             true => Some(self.held_end(simulator.as_ref())),
             false => None,

@@ -102,6 +102,8 @@ pub struct ScalarField {
     pub note: Option<String>,
     /// What shows it, where the scene has no transfer function: regions have one of their own.
     pub transfer: Option<TransferFunction>,
+    /// Of a field of regions: the name of each, and its scalar.
+    pub regions: Vec<(String, f64)>,
 }
 
 impl ScalarField {
@@ -123,6 +125,10 @@ impl ScalarField {
             cells: Some(regions.numbers),
             note: Some(regions.legend + also.as_deref().unwrap_or("")),
             transfer: Some(regions.transfer),
+            regions: names_of_regions(mesh, field)
+                .enumerate()
+                .map(|(i, (name, _))| (name, i as f64))
+                .collect(),
         })
     }
 
@@ -192,6 +198,10 @@ impl Scene {
             (a.min(*v), b.max(*v))
         });
         let range = self.picture.range.map_or(found, |[low, high]| (low, high));
+        let regions = match mesh.says_regions(&field) {
+            true => names_of_regions(mesh, &field).collect(),
+            false => Vec::new(),
+        };
         Ok(ScalarField {
             name: field.name,
             values,
@@ -199,8 +209,21 @@ impl Scene {
             range,
             note,
             transfer: None,
+            regions,
         })
     }
+}
+
+/// The regions that `field` says: their names, or labels where they have none, and labels.
+fn names_of_regions<'a>(
+    mesh: &'a TetMesh,
+    field: &Field,
+) -> impl Iterator<Item = (String, f64)> + use<'a> {
+    let labels: Vec<i64> = mesh.regions_of(field).into_keys().collect();
+    labels.into_iter().map(|label| {
+        let name = mesh.region_names.get(&label).cloned();
+        (name.unwrap_or_else(|| label.to_string()), label as f64)
+    })
 }
 
 fn named_field(mesh: &TetMesh, name: &str) -> Result<Field> {

@@ -1,21 +1,23 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
+use super::annotated::Surroundings;
 use super::bodies;
 use super::checkpoint::Journal;
 use super::cutter::Cutter;
 use super::drawing::CachedFrame;
+use super::drawn_tool::DrawnTool;
 use super::picture::{DisplayMode, SIZE};
 use super::shown::{self, Shown};
 use super::skin::carrier;
 use super::{Motion, ScalarField, Scene};
-use crate::Result;
 use crate::gpu::Gpu;
 use crate::io::PvdSeries;
 use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
 use crate::physics::grid::GridShape;
-use crate::physics::{Nodes, SolverKind};
-use crate::render::{Background, BitDepth, Camera, Raycaster, Surface};
+use crate::physics::{Nodes, SolverKind, ToolPose};
+use crate::render::{Background, BitDepth, Camera, Inside, Raycaster, Surface};
 use crate::skin::{Composer, Skin};
+use crate::{Error, Result};
 use glam::DVec3;
 
 /// Steps before a picture where a scene names a solver but no number of steps.
@@ -35,7 +37,13 @@ pub struct Stage {
     pub(super) shown: Option<Shown>,
     pub(super) scene: Scene,
     pub(super) skins: Vec<Skin>,
+    /// The tools that are drawn.
+    pub(super) tools: Vec<DrawnTool>,
     pub(super) composer: Composer,
+    /// What is drawn onto its pictures.
+    pub(super) surroundings: Surroundings,
+    /// How many times larger each way than they are shown pictures are drawn.
+    pub(super) samples: u32,
     pub(super) cutters: Vec<Cutter>,
     /// What checkpoints need, where they are kept.
     pub(super) journal: Option<Journal>,
@@ -160,9 +168,11 @@ impl Stage {
     fn with_drive(gpu: &Gpu, scene: &Scene, drive: Drive, said: Vec<String>) -> Result<Stage> {
         let (mesh, topology) = (drive.mesh(), drive.topology());
         let mut notes = mesh.repairs.warnings.clone();
-        let asked = !(scene.grab.is_empty() && scene.cut.is_empty()) || scene.floor.is_some();
+        let asked = !(scene.grab.is_empty() && scene.cut.is_empty() && scene.tool.is_empty())
+            || scene.floor.is_some();
         if matches!(drive, Drive::Posed(_)) && asked {
-            let still = "nothing moves, so grabs, cuts and floors are passed over: name a solver";
+            let still =
+                "nothing moves, so grabs, cuts, floors and tools are passed over: name a solver";
             notes.push(still.into());
         }
         shown::check_asked(scene, &drive)?;
@@ -181,8 +191,12 @@ impl Stage {
             Drive::Posed(_) => None,
         };
         let points = reach.unwrap_or(&mesh.nodes);
+        let (surroundings, said) = Surroundings::new(scene, (mesh, topology), &scalars)?;
+        notes.extend(said);
         let mut stage = Stage {
             gpu: gpu.clone(),
+            surroundings,
+            samples: scene.samples_each_way()?,
             camera: scene.camera(mesh, points, size)?,
             size,
             mode: scene.display_mode()?,
@@ -192,10 +206,11 @@ impl Stage {
             cached: None,
             pictures: [0; 2],
             depth: None,
-            composer: Composer::new(gpu, scene.compose_options())?,
+            composer: Composer::new(gpu, scene.compose_options()?)?,
             cutters: scene.cut.iter().map(Cutter::new).collect::<Result<_>>()?,
             journal: None,
             skins: Vec::new(),
+            tools: Vec::new(),
             scene: scene.clone(),
             scalars,
             shown,
@@ -204,6 +219,10 @@ impl Stage {
             surface,
             notes,
         };
+        if let Drive::Simulated(motion) = &stage.drive {
+            let body = (stage.drive.mesh(), stage.drive.nodes().frame());
+            stage.tools = DrawnTool::all(gpu, scene, body, motion)?;
+        }
         if !scene.skin.is_empty() {
             let carrier = carrier(gpu, &mut stage.drive)?;
             for entry in &scene.skin {
@@ -248,18 +267,53 @@ impl Stage {
     /// What reading back gives.
     pub fn frame(&mut self, also: &[DVec3]) -> Result<()> {
         if self.scene.camera.is_unset() {
-            let positions = self.positions()?;
-            // Grids have nodes of no tet, which are never seen and may be anywhere.
-            let mut seen = vec![false; positions.len()];
-            for v in self.mesh().tets.iter().flatten() {
-                seen[*v as usize] = true;
-            }
-            let seen = positions.iter().zip(&seen).filter(|(_, seen)| **seen);
-            let mut points: Vec<DVec3> = seen.map(|(x, _)| *x).collect();
+            let mut points = self.seen()?;
             points.extend_from_slice(also);
             self.camera = self.scene.camera(self.mesh(), &points, self.size)?;
         }
         Ok(())
+    }
+
+    /// As [`Stage::frame`], with room for the body while the camera goes round it: see
+    /// [`Camera::turned`].
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn frame_all_round(&mut self, also: &[DVec3]) -> Result<()> {
+        if !self.scene.camera.is_unset() {
+            return Ok(());
+        }
+        let mut points = self.seen()?;
+        points.extend_from_slice(also);
+        if let Drive::Simulated(motion) = &self.drive {
+            points.extend(motion.reach.iter().flatten());
+        }
+        let round = turned_round(&points, self.camera.up);
+        let mut camera = self.scene.camera(self.mesh(), &round, self.size)?;
+        // Also beside a legend it goes round the body's middle.
+        let (low, high) = crate::mesh::bounds(&round);
+        let aside = 0.5 * (low + high) - camera.look_at;
+        camera.eye += aside;
+        camera.look_at += aside;
+        self.camera = camera;
+        Ok(())
+    }
+
+    /// Where the nodes that can be seen are.
+    fn seen(&self) -> Result<Vec<DVec3>> {
+        let positions = self.positions()?;
+        // Grids have nodes of no tet, which are never seen and may be anywhere.
+        let mut seen = vec![false; positions.len()];
+        for v in self.mesh().tets.iter().flatten() {
+            seen[*v as usize] = true;
+        }
+        let seen = positions.iter().zip(&seen).filter(|(_, seen)| **seen);
+        Ok(seen.map(|(x, _)| *x).collect())
+    }
+
+    /// Width and height of its pictures, in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
     }
 
     /// Draws pictures of this size from now on.
@@ -282,6 +336,66 @@ impl Stage {
             Drive::Posed(_) => None,
             Drive::Simulated(motion) => Some(motion),
         }
+    }
+
+    /// What pictures are cut by, and what they show inside.
+    pub fn inside(&self) -> &Inside {
+        self.raycaster.inside()
+    }
+
+    /// Cuts pictures, and shows what is inside, in this way from now on: volume, boundary and skins;
+    /// tools by planes in space.
+    ///
+    /// # Errors
+    /// As [`Raycaster::set_inside`].
+    pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
+        if inside.needs_rest() && !self.raycaster.inside().needs_rest() {
+            let mesh = self.drive.mesh();
+            self.raycaster.geometry_mut().remember_rest(mesh)?;
+        }
+        self.raycaster.set_inside(inside)?;
+        if self.mode == DisplayMode::Surface {
+            self.surface.set_inside(inside, self.raycaster.geometry())?;
+        }
+        for skin in &mut self.skins {
+            skin.set_inside(inside)?;
+        }
+        // Tools have no shape at rest.
+        let mut in_space = inside.clone();
+        in_space.planes.retain(|plane| !plane.at_rest);
+        for tool in &mut self.tools {
+            tool.skin.set_inside(&in_space)?;
+        }
+        self.cached = None;
+        Ok(())
+    }
+
+    /// Has the tool of this number, counted from 0 as the scene has them, go straight to a place
+    /// with the next step, in file units: one to which the scene gives no way of its own.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for a tool that is not there, or that has a way of its own.
+    pub fn guide_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        let tool = motion.actors.tools.get(number).filter(|t| !t.moves());
+        let id = tool.ok_or_else(|| no_tool(number))?.id;
+        let turn = motion.simulator.loads().tool(id)?.turn();
+        let pose = ToolPose::new(place, turn);
+        motion.simulator.loads_mut().guide_tool(id, pose)
+    }
+
+    /// The force of the body on the tool of this number, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for a tool that is not there; otherwise as [`Simulator::tool_forces`].
+    ///
+    /// [`Simulator::tool_forces`]: crate::physics::Simulator::tool_forces
+    pub fn tool_force(&mut self, number: usize) -> Result<DVec3> {
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        let forces = motion.simulator.tool_forces()?;
+        let force = forces.get(number).map(|on| on.force);
+        force
+            .ok_or_else(|| Error::Input(format!("the scene has no tool {number} (counted from 0)")))
     }
 
     /// Steps before a picture, as the scene has it; 0 where nothing moves.
@@ -383,6 +497,49 @@ impl Stage {
         }
         Ok(fields)
     }
+}
+
+fn no_tool(number: usize) -> Error {
+    Error::Input(format!(
+        "the scene has no tool {number} (counted from 0) that can be led by hand: one without `path`, `file` and `turn`"
+    ))
+}
+
+/// Points that bound `points` turned about `up` through the middle of their bounds, by any angle:
+/// rings, each as wide as the points are at its height.
+fn turned_round(points: &[DVec3], up: DVec3) -> Vec<DVec3> {
+    const RINGS: usize = 48;
+    const CORNERS: usize = 24;
+    let up = up.normalize_or(DVec3::Z);
+    let side = up.any_orthonormal_vector();
+    let (low, high) = crate::mesh::bounds(points);
+    let middle = 0.5 * (low + high);
+    let height = |p: &DVec3| (*p - middle).dot(up);
+    let heights = points.iter().map(height);
+    let (bottom, top) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| {
+        (a.min(h), b.max(h))
+    });
+    let slice = (top - bottom).max(f64::MIN_POSITIVE) / RINGS as f64;
+    let mut wide = [None::<f64>; RINGS];
+    for p in points {
+        let h = height(p);
+        let radius = (*p - middle - h * up).length();
+        let ring = &mut wide[(((h - bottom) / slice) as usize).min(RINGS - 1)];
+        *ring = Some(ring.map_or(radius, |r| r.max(radius)));
+    }
+    // A polygon around a circle is a little wider than that.
+    let around = 1.0 / (std::f64::consts::PI / CORNERS as f64).cos();
+    let mut round = Vec::new();
+    for (i, radius) in wide.iter().enumerate() {
+        let Some(radius) = radius else { continue };
+        for (end, corner) in (0..2).flat_map(|e| (0..CORNERS).map(move |c| (e, c))) {
+            let angle = std::f64::consts::TAU * corner as f64 / CORNERS as f64;
+            let out = glam::DQuat::from_axis_angle(up, angle) * side;
+            let h = bottom + slice * (i + end) as f64;
+            round.push(middle + h * up + around * radius * out);
+        }
+    }
+    round
 }
 
 fn vector_field(name: &str, vectors: impl Iterator<Item = DVec3>) -> Field {

@@ -2,9 +2,10 @@
 //! error has their line.
 
 use super::Unit;
+use crate::annotate::Axes;
 use crate::mesh::generate;
 use crate::physics::{EngineChoice, SolverKind};
-use crate::render::{Light, TransferFunction};
+use crate::render::{Light, TransferFunction, named_colour};
 use crate::{Error, Result};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
@@ -23,6 +24,8 @@ pub(super) const MODES: [&str; 7] = [
 pub(super) const WALKS: [&str; 2] = ["vertices", "planes"];
 /// What is behind the volume.
 pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
+/// How axes are told.
+const AXES: [&str; 2] = ["xyz", "anatomical"];
 /// How springs are damped.
 pub(super) const DAMPING_KINDS: [&str; 2] = ["axial", "relative"];
 
@@ -96,6 +99,27 @@ pub(super) fn light<'de, D: Deserializer<'de>>(from: D) -> Entry<Light, D::Error
     light.map(Some).map_err(D::Error::custom)
 }
 
+/// Axes: a word, or whether to draw them.
+pub(super) fn axes<'de, D: Deserializer<'de>>(from: D) -> Entry<Axes, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(
+        untagged,
+        expecting = "axes are true, false, \"xyz\" or \"anatomical\""
+    )]
+    enum Said {
+        Drawn(bool),
+        Word(String),
+    }
+    match Said::deserialize(from)? {
+        Said::Drawn(drawn) => Ok(drawn.then_some(Axes::Xyz)),
+        Said::Word(word) => match word.as_str() {
+            "xyz" => Ok(Some(Axes::Xyz)),
+            "anatomical" => Ok(Some(Axes::Anatomical)),
+            other => Err(D::Error::custom(unknown("axes", &AXES, other))),
+        },
+    }
+}
+
 pub(super) fn generator<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, generate::known)
 }
@@ -108,6 +132,11 @@ pub(super) fn transfer<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::E
         file if file.ends_with(".json") => Ok(()),
         name => TransferFunction::preset(name).map(drop),
     })
+}
+
+/// A colour by name or as `#RRGGBB`.
+pub(super) fn colour<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| named_colour(word).map(drop))
 }
 
 pub(super) fn preset<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {

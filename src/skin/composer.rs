@@ -42,7 +42,7 @@ impl Default for ComposeOptions {
 /// What is drawn into one picture.
 struct Drawn<'a> {
     boundary: Option<&'a mut Surface>,
-    skins: &'a mut [Skin],
+    skins: Vec<&'a mut Skin>,
     raycaster: Option<&'a mut Raycaster>,
 }
 
@@ -50,7 +50,7 @@ impl Drawn<'_> {
     fn again(&mut self) -> Drawn<'_> {
         Drawn {
             boundary: self.boundary.as_deref_mut(),
-            skins: self.skins,
+            skins: self.skins.iter_mut().map(|s| &mut **s).collect(),
             raycaster: self.raycaster.as_deref_mut(),
         }
     }
@@ -106,10 +106,10 @@ impl Composer {
     /// # Errors
     /// [`Error::Input`] for a bad camera, or skins and a volume that do not share their local
     /// frame; [`Error::Gpu`] when the device refuses.
-    pub fn record(
+    pub fn record<'s>(
         &mut self,
         work: &mut Recorder,
-        skins: &mut [Skin],
+        skins: impl IntoIterator<Item = &'s mut Skin>,
         raycaster: Option<&mut Raycaster>,
         camera: &Camera,
         target: &Target,
@@ -118,22 +118,22 @@ impl Composer {
         let window = Window::whole([texture.width(), texture.height()]);
         let scene = Drawn {
             boundary: None,
-            skins,
+            skins: skins.into_iter().collect(),
             raycaster,
         };
         self.record_window(work, scene, camera, target, window)
     }
 
-    /// As [`Composer::record`], of the lit boundary and of what `raycaster` draws of slices,
-    /// isosurfaces and cut faces.
+    /// As [`Composer::record`], of the lit boundary, `skins` beside it and what `raycaster` draws of
+    /// slices, isosurfaces and cut faces, where there are any.
     ///
     /// # Errors
     /// As [`Composer::record`].
-    pub fn record_boundary(
+    pub fn record_boundary<'s>(
         &mut self,
         work: &mut Recorder,
-        boundary: &mut Surface,
-        raycaster: &mut Raycaster,
+        (boundary, skins): (&mut Surface, impl IntoIterator<Item = &'s mut Skin>),
+        raycaster: Option<&mut Raycaster>,
         camera: &Camera,
         target: &Target,
     ) -> Result<()> {
@@ -141,8 +141,8 @@ impl Composer {
         let window = Window::whole([texture.width(), texture.height()]);
         let scene = Drawn {
             boundary: Some(boundary),
-            skins: &mut [],
-            raycaster: Some(raycaster),
+            skins: skins.into_iter().collect(),
+            raycaster,
         };
         self.record_window(work, scene, camera, target, window)
     }
@@ -152,17 +152,17 @@ impl Composer {
     ///
     /// # Errors
     /// As [`Composer::record`].
-    pub fn boundary_image(
+    pub fn boundary_image<'s>(
         &mut self,
-        boundary: &mut Surface,
-        raycaster: &mut Raycaster,
+        (boundary, skins): (&mut Surface, impl IntoIterator<Item = &'s mut Skin>),
+        raycaster: Option<&mut Raycaster>,
         camera: &Camera,
         size: [u32; 2],
     ) -> Result<Image> {
         let scene = Drawn {
             boundary: Some(boundary),
-            skins: &mut [],
-            raycaster: Some(raycaster),
+            skins: skins.into_iter().collect(),
+            raycaster,
         };
         self.image_of(scene, camera, size)
     }
@@ -171,16 +171,16 @@ impl Composer {
     ///
     /// # Errors
     /// As [`Composer::record`].
-    pub fn image(
+    pub fn image<'s>(
         &mut self,
-        skins: &mut [Skin],
+        skins: impl IntoIterator<Item = &'s mut Skin>,
         raycaster: Option<&mut Raycaster>,
         camera: &Camera,
         size: [u32; 2],
     ) -> Result<Image> {
         let scene = Drawn {
             boundary: None,
-            skins,
+            skins: skins.into_iter().collect(),
             raycaster,
         };
         self.image_of(scene, camera, size)
@@ -218,7 +218,7 @@ impl Composer {
         camera.check()?;
         let Drawn {
             boundary,
-            skins,
+            mut skins,
             mut raycaster,
         } = scene;
         let volume_frame = raycaster.as_ref().map(|r| r.geometry().frame());

@@ -8,7 +8,7 @@
 use super::carrier::Carrier;
 use super::draw::Skin;
 use crate::Result;
-use crate::gpu::{Gpu, Pass, Recorder, Texel};
+use crate::gpu::{Gpu, Pass, Recorder, ScanMarks, Texel};
 use crate::mesh::unpack_normal;
 use crate::render::View;
 use crate::skin::basis::Bound;
@@ -27,11 +27,6 @@ mod gpu_data {
         pub(super) struct Cull {
             pub triangles: u32,
             pub closed: u32,
-        }
-    }
-    crate::gpu_struct! {
-        pub(super) struct CullScan {
-            pub runs: u32,
         }
     }
     crate::gpu_struct! {
@@ -110,10 +105,10 @@ impl Cull {
                 })
                 .over(runs)?,
             scan: gpu
-                .pass("skin/cull_scan")
+                .pass("gpu/scan_marks")
                 .write(&marks)
                 .write(&arguments)
-                .params(&gpu_data::CullScan { runs })
+                .params(&ScanMarks { runs })
                 .over_groups([1, 1, 1])?,
             list: gpu
                 .pass("skin/cull_list")

@@ -1,7 +1,8 @@
 //! The pass mechanism, on a real adapter (the software one will do; without any, these fail).
 
 use palpate::gpu::{
-    Gpu, GpuStruct, Texel, add_shader, check_layout, compose, parse, shader_names, texture_loads,
+    Gpu, GpuStruct, ROW, Texel, add_shader, check_layout, compose, parse, shader_names,
+    texture_loads,
 };
 use palpate::{Error, gpu_struct};
 
@@ -65,7 +66,7 @@ fn struct_layouts_are_compared() {
 fn a_pass_covers_every_item_and_order_is_kept() {
     let gpu = Gpu::new().unwrap();
     // One item past a texture row, one past 65,535 workgroups of 64.
-    for items in [1usize, 4097, 65_535 * 64 + 1] {
+    for items in [1usize, 8193, 65_535 * 64 + 1] {
         let input: Vec<[f32; 4]> = (0..items).map(|i| [i as f32, 1.0, 2.0, -3.0]).collect();
         let a = gpu.array_of("a", Texel::F32x4, &input).unwrap();
         let b = gpu.array("b", Texel::F32x4, items).unwrap();
@@ -255,7 +256,7 @@ fn what_is_asked_back_arrives_without_waiting() {
 fn parts_of_arrays_are_written_and_arrays_grow() {
     let gpu = Gpu::new().unwrap();
     // Within a row, across two, and over whole rows with a beginning and an end.
-    for (len, first, count) in [(100, 3, 50), (10_000, 4_000, 200), (20_000, 4_095, 9_000)] {
+    for (len, first, count) in [(100, 3, 50), (10_000, 8_100, 200), (30_000, 8_191, 17_000)] {
         let mut expected: Vec<[f32; 2]> = (0..len).map(|i| [i as f32, 0.5]).collect();
         let array = gpu.array_of("a", Texel::F32x2, &expected).unwrap();
         let part: Vec<[f32; 2]> = (0..count).map(|i| [-(i as f32), 2.0]).collect();
@@ -267,21 +268,112 @@ fn parts_of_arrays_are_written_and_arrays_grow() {
                 .is_err()
         );
     }
-    let content: Vec<u32> = (0..4_000).collect();
+    let content: Vec<u32> = (0..8_000).collect();
     let mut array = gpu.array_of("b", Texel::U32, &content).unwrap();
-    assert!(!gpu.resize(&mut array, "b", 4_096).unwrap());
-    assert!(gpu.resize(&mut array, "b", 4_097).unwrap());
-    assert_eq!((array.len(), array.capacity()), (4_097, 8_192));
-    gpu.write_items(&array, 4_096, &[7u32]).unwrap();
+    assert!(!gpu.resize(&mut array, "b", 8_192).unwrap());
+    assert!(gpu.resize(&mut array, "b", 8_193).unwrap());
+    assert_eq!((array.len(), array.capacity()), (8_193, 16_384));
+    gpu.write_items(&array, 8_192, &[7u32]).unwrap();
     let found = gpu.read_array::<u32>(&array).unwrap();
-    assert_eq!((&found[..4_000], found[4_096]), (&content[..], 7));
+    assert_eq!((&found[..8_000], found[8_192]), (&content[..], 7));
+}
+
+#[test]
+fn the_device_has_webgpus_default_limits() {
+    let gpu = Gpu::new().unwrap();
+    let limits = gpu.device().limits();
+    assert_eq!(limits.max_texture_dimension_2d, 8_192);
+    assert_eq!(limits.max_texture_array_layers, 256);
+    assert_eq!(limits.max_buffer_size, 256 << 20);
+    assert_eq!(limits.max_storage_buffer_binding_size, 128 << 20);
+    assert_eq!(limits.max_sampled_textures_per_shader_stage, 16);
+    assert_eq!(limits.max_storage_textures_per_shader_stage, 4);
+    assert_eq!(limits.max_storage_buffers_per_shader_stage, 8);
+    assert_eq!(limits.max_compute_workgroups_per_dimension, 65_535);
+    // The largest array is the largest texture.
+    assert_eq!(gpu.most_items(), 8_192 * 8_192);
+    let error = gpu
+        .array("a", Texel::F32, gpu.most_items() + 1)
+        .unwrap_err();
+    assert!(error.to_string().contains("67108864"), "{error}");
+}
+
+#[test]
+fn arrays_of_any_length_are_written_read_copied_and_grow() {
+    let gpu = Gpu::new().unwrap();
+    for len in [1, 255, 256, 257, 8_191, 8_192, 8_193, 20_001] {
+        let content: Vec<[u32; 2]> = (0..len).map(|i| [i, 7 * i]).collect();
+        let array = gpu.array_of("a", Texel::U32x2, &content).unwrap();
+        let [width, rows] = [array.texture().width(), array.texture().height()];
+        // A full row only where there are several.
+        assert!(width * rows < len + ROW && (rows == 1 || width == ROW));
+        assert!(rows > 1 || width < len + 256, "{len}: {width}");
+        assert_eq!(gpu.read_array::<[u32; 2]>(&array).unwrap(), content);
+        let roomy = gpu
+            .roomy_array("roomy", Texel::U32x2, len as usize)
+            .unwrap();
+        let mut back = gpu.array("back", Texel::U32x2, len as usize).unwrap();
+        let mut work = gpu.record();
+        work.copy_array(&array, &roomy);
+        work.copy_array(&roomy, &back);
+        work.submit().unwrap();
+        assert_eq!(gpu.read_array::<[u32; 2]>(&roomy).unwrap(), content);
+        let more = len + 9_000;
+        assert!(gpu.resize(&mut back, "back", more as usize).unwrap());
+        gpu.write_items(&back, more - 1, &[[1u32, 2]]).unwrap();
+        gpu.put(&back, &[len], &[[3u32, 4]]).unwrap();
+        let found: Vec<[u32; 2]> = gpu.read_array(&back).unwrap();
+        assert_eq!(found[..len as usize], content);
+        let zeros = &found[len as usize + 1..more as usize - 1];
+        assert!(zeros.iter().all(|item| *item == [0, 0]));
+        assert_eq!(
+            [found[len as usize], found[more as usize - 1]],
+            [[3, 4], [1, 2]]
+        );
+    }
+}
+
+#[test]
+fn large_arrays_go_and_come_in_pieces() {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let adapter =
+        pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
+            .unwrap();
+    // So that it need not be very large.
+    let descriptor = wgpu::DeviceDescriptor {
+        required_limits: wgpu::Limits {
+            max_buffer_size: 5 << 20,
+            max_storage_buffer_binding_size: 5 << 20,
+            ..Default::default()
+        },
+        ..Default::default()
+    };
+    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+    let gpu = Gpu::from_wgpu(&adapter, device, queue);
+    // More than the 32 MiB that go at a time, from the middle of a row to the middle of another.
+    let len = 2_500_000;
+    let array = gpu.array("a", Texel::U32x4, len).unwrap();
+    let part: Vec<[u32; 4]> = (100..len as u32 - 33).map(|i| [i, 1, 2, !i]).collect();
+    gpu.write_items(&array, 100, &part).unwrap();
+    let read = gpu.readbacks();
+    let found: Vec<[u32; 4]> = gpu.read_array(&array).unwrap();
+    assert_eq!(gpu.readbacks(), read + 1);
+    assert!(found[100..len - 33] == part);
+    let rest = found[..100].iter().chain(&found[len - 33..]);
+    assert!(found.len() == len && rest.into_iter().all(|item| *item == [0; 4]));
+    let mut pending = gpu.ask_array::<[u32; 4]>(&array).unwrap();
+    let arrived = (0..10_000).find_map(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        pending.look().unwrap()
+    });
+    assert!(arrived.unwrap() == found);
 }
 
 #[test]
 fn single_items_are_put_where_they_belong() {
     let gpu = Gpu::new().unwrap();
-    let places = [3u32, 0, 4_999, 4_096];
-    let start: Vec<[u32; 4]> = (0..5_000).map(|i| [i; 4]).collect();
+    let places = [3u32, 0, 8_999, 8_192];
+    let start: Vec<[u32; 4]> = (0..9_000).map(|i| [i; 4]).collect();
     let array = gpu.array_of("a", Texel::U32x4, &start).unwrap();
     let items = places.map(|p| [p + 1, 2, 3, u32::MAX]);
     gpu.put(&array, &places, &items).unwrap();
@@ -290,20 +382,20 @@ fn single_items_are_put_where_they_belong() {
         expected[*p as usize] = item;
     }
     assert_eq!(gpu.read_array::<[u32; 4]>(&array).unwrap(), expected);
-    let pairs = gpu.array("b", Texel::U32x2, 5_000).unwrap();
+    let pairs = gpu.array("b", Texel::U32x2, 9_000).unwrap();
     gpu.put(&pairs, &places, &places.map(|p| [p, 9])).unwrap();
     assert_eq!(
-        gpu.read_array::<[u32; 2]>(&pairs).unwrap()[4_999],
-        [4_999, 9]
+        gpu.read_array::<[u32; 2]>(&pairs).unwrap()[8_999],
+        [8_999, 9]
     );
-    let pairs = gpu.array("c", Texel::F32x2, 5_000).unwrap();
+    let pairs = gpu.array("c", Texel::F32x2, 9_000).unwrap();
     gpu.put(&pairs, &places, &places.map(|p| [p as f32, 0.5]))
         .unwrap();
     assert_eq!(
-        gpu.read_array::<[f32; 2]>(&pairs).unwrap()[4_096],
-        [4_096.0, 0.5]
+        gpu.read_array::<[f32; 2]>(&pairs).unwrap()[8_192],
+        [8_192.0, 0.5]
     );
-    assert!(gpu.put(&array, &[5_000], &[[0u32; 4]]).is_err());
+    assert!(gpu.put(&array, &[9_000], &[[0u32; 4]]).is_err());
     assert!(gpu.put(&array, &places, &[[0u32; 4]]).is_err());
     let vectors = gpu.array("d", Texel::F32x4, 8).unwrap();
     assert!(gpu.put(&vectors, &[0], &[[0.0f32; 4]]).is_err());

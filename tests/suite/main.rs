@@ -2,6 +2,7 @@
 //! tests share one device. `cargo test --test suite render::` runs those of one room.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod annotate;
 mod cage;
 mod cli;
 mod gpu;
@@ -9,11 +10,13 @@ mod io;
 mod mesh;
 mod mesher;
 mod physics;
+mod press;
 mod render;
 mod scene_bodies;
 mod scene_fields;
 mod scene_loads;
 mod scene_reactions;
+mod scene_tools;
 mod scenes;
 mod skin;
 mod study;

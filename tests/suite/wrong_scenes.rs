@@ -57,6 +57,21 @@ const WRONG: &[(&str, &str, &[&str])] = &[
         &["x=y"],
     ),
     (
+        "[picture]\naxes = \"polar\"",
+        "line 2, column 8",
+        &["polar", "xyz", "anatomical"],
+    ),
+    (
+        "[picture]\naxes = 3",
+        "line 2, column 8",
+        &["true", "anatomical"],
+    ),
+    (
+        "[picture]\nlegend = \"yes\"",
+        "line 2, column 10",
+        &["boolean"],
+    ),
+    (
         "[mesh]\nfile = \"a\"\nbetween = [\"9..1\"]",
         "line 3",
         &["9..1"],

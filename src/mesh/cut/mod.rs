@@ -101,7 +101,6 @@ pub fn cut(
     let mut edges: Vec<[u32; 2]> = around.iter().map(|(edge, _)| *edge).collect();
     edges.dedup();
     let edges_before = edges_as_they_were(&edges, &parted.doubled);
-    splice(&mut topology.edges, |e| *e, &edges_before, &edges);
     let at_touched = |t: &u32| mesh.tets[*t as usize].iter().any(|v| touched[*v as usize]);
     let star = parted.star.into_iter().filter(at_touched).collect();
     Ok(TetCut {

@@ -38,6 +38,8 @@ pub enum Failure {
         /// The relative residual they came to.
         residual: f64,
     },
+    /// Tools press so hard that points of the boundary stayed inside them.
+    Pierced,
 }
 
 impl fmt::Display for Failure {
@@ -55,6 +57,9 @@ impl fmt::Display for Failure {
                 "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({baseline:.3e} J) and was given since ({work:.3e} J)"
             ),
             Failure::FlewApart => f.write_str("particles flew apart"),
+            Failure::Pierced => f.write_str(
+                "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far",
+            ),
             Failure::NotConverged {
                 iterations,
                 residual,

@@ -20,14 +20,14 @@ impl<T: Real> Minimiser<T> {
         &mut self,
         implicit: &Implicit<T>,
         scene: &Scene<'_, T>,
-        terms: &[Box<dyn Term<T>>],
+        terms: &mut [Box<dyn Term<T>>],
         form: Form,
         gain: f64,
     ) -> Option<(f64, f64)> {
         let direction = &implicit.solver.solution;
         self.rigid.read_directions(direction);
         let (before, slack) = (self.best.total(), self.best.slack());
-        let mut length = 1.0;
+        let mut length = self.free_way(scene, terms, direction);
         while length >= SHORTEST {
             let step = T::of(length);
             self.rigid.go(length);

@@ -9,6 +9,9 @@ mod cg;
 mod cholesky;
 mod closest_rotation;
 mod coarse;
+mod contact;
+mod contact_hull;
+mod contact_way;
 mod element_batches;
 mod element_kernels;
 mod element_svd;
@@ -28,6 +31,7 @@ mod line_search;
 mod loads;
 mod muscle;
 mod newton;
+mod newton_contact;
 mod newton_residual;
 mod newton_step;
 #[cfg(test)]
@@ -67,6 +71,9 @@ mod terms;
 #[cfg(test)]
 mod tests;
 mod tied;
+mod tools;
+#[cfg(test)]
+mod tools_tests;
 mod vectors;
 mod worker;
 

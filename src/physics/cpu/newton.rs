@@ -14,6 +14,7 @@ use super::cg::{Matrix, Stop};
 use super::guesses::{Guess, Guesses};
 use super::implicit::{Implicit, Scene};
 use super::loads::Loads;
+use super::newton_contact::{FAINT, ROUGH, RUBS};
 use super::pool::{Nodes, Plan};
 use super::potential::{Trial, inverted};
 use super::real::Real;
@@ -29,7 +30,7 @@ use crate::physics;
 const ALONE: f64 = 0.1;
 
 /// Solves for which blocks are projected once exact ones failed.
-const PROJECTED: u32 = 8;
+pub(super) const PROJECTED: u32 = 8;
 
 /// An iteration that lowered Φ by this part of what it should have, or by its inverse, is followed
 /// by another.
@@ -67,6 +68,10 @@ pub struct Minimiser<T> {
     pub(super) forces: Vec<V4<T>>,
     /// What of the body is rigid.
     pub(super) rigid: RigidBodies,
+    /// When the step under way stops.
+    pub(super) goal: physics::Newton,
+    /// Displacements on the way to a trial; none where nothing touches.
+    pub(super) moved: Vec<V4<T>>,
 }
 
 /// What a step starts from besides the state.
@@ -111,6 +116,8 @@ impl<T: Real> Minimiser<T> {
             lagged: Vec::new(),
             forces: vec![zero(); nodes],
             rigid: RigidBodies::default(),
+            goal: settings,
+            moved: Vec::new(),
         }
     }
 
@@ -145,24 +152,47 @@ impl<T: Real> Minimiser<T> {
         self.rigid.draw();
         let rigid = &self.rigid;
         self.guesses.prepare(scene, outside, history, form, rigid);
-        if !self.start(scene, terms, form) {
+        let stages = self.begin_contact(implicit, scene, terms, form);
+        let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
+        if !self.start(scene, terms, form, (stages > 0).then_some(share(1))) {
             return None;
         }
         let mut descent = Descent::default();
+        for stage in 1..stages {
+            let shares = [share(stage), share(stage + 1)];
+            descent.iterations += self.advance_stage(implicit, scene, terms, form, shares);
+        }
         let mut first = 0.0;
-        let most = self.settings.iterations.max(1);
+        let most = self.goal.iterations.max(1);
         let mut best_gain = 0.0f64;
+        let (mut rubs, mut faint) = (0, 0);
         // Whether no tet is inside out at the start, once that is known.
         let mut whole = None;
         for round in 0..most.max(UNFOLDING) {
-            let scale = self.residual(implicit, scene, terms, form);
+            let wide = stages > 0 && round > 0 && self.narrow(scene, terms, form, round - 1);
+            let mut scale = self.residual(implicit, scene, terms, form);
+            if stages > 0 {
+                scale = scale.max(self.contact_weight(implicit, terms, form));
+            }
             let before = if round > 0 {
                 implicit.measure(scene.plan)
             } else {
                 f64::INFINITY
             };
-            let goal = (self.settings.tolerance * self.settings.tolerance) * scale;
-            if round > 0 && before <= goal {
+            let mut goal = (self.goal.tolerance * self.goal.tolerance) * scale;
+            if stages > 0 && rubs < RUBS {
+                goal *= ROUGH;
+            }
+            if round > 0 && !wide && before <= goal {
+                if stages > 0 && rubs < RUBS {
+                    rubs += 1;
+                    if self.rub(scene, terms, form) {
+                        self.residual(implicit, scene, terms, form);
+                    } else {
+                        rubs = RUBS;
+                    }
+                    continue;
+                }
                 break;
             }
             let Some((start, outcome)) = self.solve(implicit, scene, terms, form, (first, goal))
@@ -178,19 +208,24 @@ impl<T: Real> Minimiser<T> {
             let slack = self.best.slack();
             let Some((length, fall)) = self.search(implicit, scene, terms, form, gain) else {
                 // Exact blocks may have led astray; projected ones cannot.
-                if self.projected == 0 && gain > slack {
+                if (self.projected == 0 && gain > slack) || wide {
                     self.projected = PROJECTED;
                     continue;
                 }
                 break;
             };
+            if wide {
+                continue;
+            }
             let ratio = fall / (0.5 * gain);
             let trusted = length == 1.0 && ratio > TRUST && ratio < 1.0 / TRUST;
-            if start <= goal || gain <= slack {
+            faint += u32::from(gain <= slack);
+            let spare = if stages > 0 { FAINT } else { 0 };
+            if start <= goal || faint > spare {
                 break;
             }
             best_gain = best_gain.max(gain);
-            let by_energy = self.settings.tolerance == 0.0;
+            let by_energy = self.goal.tolerance == 0.0;
             let last = round + 1 >= most;
             let near = trusted && (round == 0 || gain <= NEAR * best_gain);
             let enough = by_energy && (trusted || round + 1 >= WRECKED);
@@ -285,8 +320,15 @@ impl<T: Real> Minimiser<T> {
         }
     }
 
-    /// Takes the guess of the lowest Φ, if any has one that is a number.
-    fn start(&mut self, scene: &Scene<'_, T>, terms: &[Box<dyn Term<T>>], form: Form) -> bool {
+    /// Takes the guess of the lowest Φ, if any has one that is a number, where tools that are near
+    /// have gone that share of their way.
+    fn start(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        tools: Option<f64>,
+    ) -> bool {
         let mut found = false;
         for guess in Guess::ALL {
             if !self.guesses.has(guess) {
@@ -299,6 +341,10 @@ impl<T: Real> Minimiser<T> {
                 _ => self.rigid.guess(at),
             }
             trial.put(scene, guesses, (form, self.mass_damping), &self.rigid, at);
+            if let Some(share) = tools {
+                self.fit(scene, terms, form, share);
+            }
+            let trial = &mut self.trial;
             // E is hardly ever negative: one that is too far off already is not looked at.
             if found && trial.inertia >= self.best.total() {
                 continue;
@@ -315,7 +361,7 @@ impl<T: Real> Minimiser<T> {
     }
 
     /// Solves for the direction. `None` where there is nothing to solve.
-    fn solve(
+    pub(super) fn solve(
         &mut self,
         implicit: &mut Implicit<T>,
         scene: &Scene<'_, T>,
@@ -361,13 +407,13 @@ impl<T: Real> Minimiser<T> {
                     terms,
                 };
                 // Closer to the minimum the solves have to be closer, too.
-                let linear = self.settings.linear;
+                let linear = self.goal.linear;
                 let nearer = if first > 0.0 {
                     (start / first).sqrt()
                 } else {
                     1.0
                 };
-                let tolerance = match self.settings.tolerance > 0.0 {
+                let tolerance = match self.goal.tolerance > 0.0 {
                     true => linear
                         .min(nearer.max(1e-6))
                         .max(0.5 * (goal / start).sqrt()),

@@ -4,6 +4,7 @@ use super::body::CpuBody;
 use super::guard::{Failure, Sums};
 use super::implicit::Scene;
 use super::newton::Outside;
+use super::newton_contact::contact;
 use super::real::Real;
 use super::rules::Rule;
 use super::sum::motion;
@@ -56,6 +57,12 @@ impl<T: Real> CpuBody<T> {
 
     /// One step of `h` local units; `None` where the body has none of this kind.
     pub(super) fn advance_newton(&mut self, h: f64) -> Option<Refusable> {
+        let done = self.minimise(h);
+        self.keep_tools(matches!(done, Some(Ok(_))));
+        done
+    }
+
+    fn minimise(&mut self, h: f64) -> Option<Refusable> {
         let (Some(newton), Some(implicit)) = (&mut self.newton, &mut self.implicit) else {
             return None;
         };
@@ -79,6 +86,9 @@ impl<T: Real> CpuBody<T> {
         let Some(descent) = found else {
             return Some(Err(Failure::NonFinite));
         };
+        if contact(&self.terms).is_some_and(|c| c.pierced(&newton.best.place)) {
+            return Some(Err(Failure::Pierced));
+        }
         let next = &mut self.next;
         newton.finish(&scene, implicit, (h, self.lag), (&mut next.u, &mut next.v));
         let mut elastic = descent.elastic;

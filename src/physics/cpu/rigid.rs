@@ -160,6 +160,31 @@ impl RigidBodies {
         self.note_changes();
     }
 
+    /// Shifts the bodies of the last trial that are free to.
+    pub fn shift(&mut self, by: &[DVec3]) {
+        for ((pose, body), by) in self.trial.iter_mut().zip(&self.bodies).zip(by) {
+            if body.freedom == Freedom::Free {
+                pose.shift += *by;
+            }
+        }
+        self.note_changes();
+    }
+
+    /// Shifts the bodies that are free to, now.
+    pub fn shift_now(&mut self, by: &[DVec3]) {
+        for ((pose, body), by) in self.now.iter_mut().zip(&self.bodies).zip(by) {
+            if body.freedom == Freedom::Free {
+                pose.shift += *by;
+            }
+        }
+    }
+
+    /// Takes the poses of the best trial for another.
+    pub fn repeat(&mut self) {
+        self.trial.copy_from_slice(&self.best);
+        self.note_changes();
+    }
+
     fn note_changes(&mut self) {
         for (b, change) in self.changes.iter_mut().enumerate() {
             let (now, then) = (&self.now[b], &self.trial[b]);

@@ -2,10 +2,11 @@
 
 use super::loads::Attachment;
 use super::stepped::{LoadChange, Stepped};
+use super::tools::Guided;
 use super::worker::{Errand, Worker};
 use crate::Result;
 use crate::physics::loads::LoadVersions;
-use crate::physics::{Grip, Held, Loads};
+use crate::physics::{Grip, Held, Loads, ToolPose};
 use glam::DVec3;
 
 /// Sends the loads that have changed since those of the versions in `sent`.
@@ -26,6 +27,7 @@ pub(super) fn send_loads<B: Stepped + ?Sized>(
         forces: differs(|v| v.forces).then(|| loads.forces().to_vec()),
         attachments: differs(|v| v.grabs).then(|| attachments(loads)),
         levels: differs(|v| v.levels).then(|| loads.levels().to_vec()),
+        tools: differs(|v| v.tools).then(|| tools(loads)),
     };
     *sent = Some(versions);
     worker.ask(Errand::Loads(Box::new(change)))
@@ -39,7 +41,16 @@ pub(super) fn all_loads(loads: &Loads) -> LoadChange {
         forces: Some(loads.forces().to_vec()),
         attachments: Some(attachments(loads)),
         levels: Some(loads.levels().to_vec()),
+        tools: Some(tools(loads)),
     }
+}
+
+/// Where tools go, in metres.
+fn tools(loads: &Loads) -> Vec<Guided> {
+    let (frame, unit) = loads.frame_and_unit();
+    let metres = |pose: &ToolPose| ToolPose::new((pose.place() - frame.origin) * unit, pose.turn());
+    let all = loads.tools().iter();
+    all.map(|(pose, jumps)| (metres(pose), *jumps)).collect()
 }
 
 /// The nodes that grabs hold or pull, in metres.

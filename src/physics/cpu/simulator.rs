@@ -3,14 +3,15 @@
 use super::guard::Failure;
 use super::sending::{all_loads, send_loads};
 use super::stepped::{LoadChange, Precision, TetBody};
+use super::tools::check_tools;
 use super::worker::{Errand, Refusal, Span, Worker};
 use crate::gpu::{Gpu, Recorder};
-use crate::mesh::{Blade, TetMesh, Topology, cut};
+use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology, cut};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
     Acting, ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, LevelId, Loads, Material,
-    NodeTerm, Nodes, Pose, Progress, Report, Simulator, SimulatorState, SolverKind, SpringNetwork,
-    TopologyChange, advice, largest_stable_step, with_terms,
+    NodeTerm, Nodes, Pose, Progress, Reaction, Report, Simulator, SimulatorState, SolverKind,
+    SpringNetwork, Tool, ToolId, TopologyChange, advice, largest_stable_step, with_terms,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -33,6 +34,7 @@ pub struct CpuTets {
     terms: Vec<Arc<dyn NodeTerm>>,
     /// Pressures and muscles, in the order of their levels.
     acting: Vec<Acting>,
+    tools: Vec<Tool>,
     precision: Precision,
     worker: Worker<dyn TetBody>,
     nodes: Nodes,
@@ -107,6 +109,7 @@ impl CpuTets {
             sent: None,
             terms: Vec::new(),
             acting: Vec::new(),
+            tools: Vec::new(),
             precision,
             worker: Worker::new(body),
             nodes,
@@ -135,7 +138,9 @@ impl CpuTets {
                     time: progress.time,
                     cause: match failure {
                         Failure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
-                        Failure::NotConverged { .. } => FailureCause::NotConverged,
+                        Failure::NotConverged { .. } | Failure::Pierced => {
+                            FailureCause::NotConverged
+                        }
                         _ => FailureCause::NotFinite,
                     },
                     what: failure.to_string(),
@@ -191,6 +196,14 @@ impl CpuTets {
         for (level, acting) in self.acting.iter().enumerate() {
             self.act(&mut *body, acting, level);
         }
+        let faces = self.boundary();
+        for (tool, (pose, _)) in self.tools.iter().zip(self.loads.tools()) {
+            let there = Tool {
+                pose: *pose,
+                ..tool.clone()
+            };
+            body.add_tool(&there, &faces, &self.network);
+        }
         body.take_over(LoadChange {
             gravity: self.loads.gravity(),
             levels: Some(self.loads.levels().to_vec()),
@@ -198,6 +211,13 @@ impl CpuTets {
             ..LoadChange::default()
         })?;
         Ok(body)
+    }
+
+    /// The faces of the boundary, by their nodes.
+    fn boundary(&self) -> Vec<[u32; 3]> {
+        let faces = self.topology.boundary.iter();
+        let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
+        faces.map(nodes).collect()
     }
 
     /// Has `acting` act on `body`, made of this mesh and network.
@@ -264,6 +284,9 @@ impl Simulator for CpuTets {
     }
 
     fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+        if !self.tools.is_empty() {
+            check_tools(&self.network, kind)?;
+        }
         self.worker.rest();
         let (positions, velocities) = (self.positions()?, self.velocities()?);
         (self.kind, self.settings) = (kind, settings);
@@ -296,6 +319,28 @@ impl Simulator for CpuTets {
         acting.check_level(level)?;
         self.loads.set_level(id, level);
         Ok(())
+    }
+
+    fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
+        tool.check()?;
+        check_tools(&self.network, self.kind)?;
+        let faces = self.boundary();
+        self.worker.body().add_tool(&tool, &faces, &self.network);
+        let id = self.loads.add_tool(tool.pose);
+        self.tools.push(tool);
+        self.changes += 1;
+        Ok(id)
+    }
+
+    fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
+    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
+        self.finish()?;
+        let forces = self.worker.body().tool_forces();
+        let reaction = |[force, moment]: [DVec3; 2]| Reaction { force, moment };
+        Ok(forces.into_iter().map(reaction).collect())
     }
 
     fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {

@@ -37,6 +37,8 @@ pub(super) struct BodyState<T> {
     pub poses: Vec<[f64; 7]>,
     /// And the torque on each in the last step, of the midpoint rule.
     pub torques: Vec<[f64; 3]>,
+    /// Where tools are.
+    pub tools: Vec<[f64; 7]>,
     /// Whether forces are as old as the state, only older than what acts, or of no use.
     pub begin: u8,
 }
@@ -63,6 +65,7 @@ impl<T: Real> CpuBody<T> {
             torques: self.newton.as_ref().map_or(Vec::new(), |n| {
                 n.rigid.torques.iter().map(|t| t.to_array()).collect()
             }),
+            tools: self.tool_places(),
             begin: match self.start {
                 Start::Ready => 0,
                 Start::Resume => 1,
@@ -83,6 +86,7 @@ impl<T: Real> CpuBody<T> {
             && state.v.len() == slots
             && state.poses.len() == bodies
             && state.torques.len() == bodies
+            && state.tools.len() == self.tool_places().len()
             && state.seen.len() == self.now.seen.len()
             && state.solutions.len() <= 2
             && state.solutions.iter().all(|s| s.len() == nodes)
@@ -116,6 +120,7 @@ impl<T: Real> CpuBody<T> {
                 *torque = (*numbers).into();
             }
         }
+        self.resume_tools(&state.tools);
         // Forces are made anew in any case, from the same numbers.
         self.start = match state.begin {
             2 => Start::Restart,

@@ -62,6 +62,9 @@ impl<T: Real> CpuBody<T> {
         if verlet && restart {
             self.now.seen.copy_from_slice(&self.now.v);
         }
+        if restart {
+            self.clear_tools();
+        }
         let sources = Sources {
             plan: &self.plan,
             masses: &self.masses,

@@ -7,8 +7,11 @@ use super::loads::Attachment;
 use super::node_terms::NodeTerms;
 use super::particles::Particles;
 use super::real::Real;
+use super::tools::Guided;
 use crate::physics::grid::GridModel;
-use crate::physics::{ConjugateGradients, Muscle, NodeTerm, SolverKind, SpringNetwork, StepRecord};
+use crate::physics::{
+    ConjugateGradients, Muscle, NodeTerm, SolverKind, SpringNetwork, StepRecord, Tool,
+};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Serialize;
@@ -33,6 +36,7 @@ pub(super) struct LoadChange {
     pub forces: Option<Vec<DVec3>>,
     pub attachments: Option<Vec<Attachment>>,
     pub levels: Option<Vec<f64>>,
+    pub tools: Option<Vec<Guided>>,
 }
 
 /// What a worker steps.
@@ -78,6 +82,12 @@ pub(super) trait TetBody: Stepped {
 
     /// Adds a muscle of `network`, which this body is, and its tets, at the level of this number.
     fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&SpringNetwork, &[[u32; 4]]));
+
+    /// Adds a tool that presses on the boundary faces of `network`, which this body is.
+    fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &SpringNetwork);
+
+    /// The force on each tool, N, and its moment about the origin of the tool's shape, N·m.
+    fn tool_forces(&self) -> Vec<[DVec3; 2]>;
 
     /// The sum of all forces on every node, N.
     fn forces(&self) -> Vec<DVec3>;
@@ -172,6 +182,9 @@ impl<T: Real> Stepped for CpuBody<T> {
         if let Some(forces) = change.forces {
             self.set_forces(&forces)?;
         }
+        if let Some(tools) = change.tools {
+            self.guide_tools(&tools)?;
+        }
         match change.attachments {
             Some(attachments) => self.set_attachments(&attachments),
             None => Ok(()),
@@ -203,6 +216,14 @@ impl<T: Real> TetBody for CpuBody<T> {
 
     fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&SpringNetwork, &[[u32; 4]])) {
         CpuBody::add_muscle(self, muscle, level, of);
+    }
+
+    fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &SpringNetwork) {
+        CpuBody::add_tool(self, tool, faces, network);
+    }
+
+    fn tool_forces(&self) -> Vec<[DVec3; 2]> {
+        CpuBody::tool_forces(self)
     }
 
     fn forces(&self) -> Vec<DVec3> {

@@ -1,5 +1,6 @@
 //! What a body's energy is made of: springs, a floor, and whatever else pushes or pulls.
 
+use super::contact::Contact;
 use super::pool::Plan;
 use super::real::Real;
 use super::vectors::{Symmetric, V4};
@@ -78,6 +79,16 @@ pub trait Term<T: Real>: Send + Sync {
     /// the chunk's first node; its fourth lanes may be anything. Damping and stiffness only, the
     /// masses are no term's.
     fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]);
+
+    /// The tools that press on the body, of the term that they are.
+    fn contact(&self) -> Option<&Contact<T>> {
+        None
+    }
+
+    /// As [`Term::contact`], to move them.
+    fn contact_mut(&mut self) -> Option<&mut Contact<T>> {
+        None
+    }
 
     /// Tells every block A_ij with i < j, as last linearised, once or in parts: what a coarse
     /// space is built from. The blocks on the diagonal are those of [`Share::diagonal`].

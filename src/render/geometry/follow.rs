@@ -1,9 +1,7 @@
 //! A geometry that follows the cuts made in its mesh.
 
 use super::placed::Placed;
-use super::{
-    Geometry, RECORD, RECORD_LINKS, Scalars, check_input, count_pass, refresh_pass, share,
-};
+use super::{Geometry, Scalars, check_input, count_pass, share};
 use crate::gpu::Array;
 use crate::mesh::{NO_NEIGHBOUR, TetCut, TetMesh, Topology, splice};
 use crate::{Error, Result};
@@ -60,7 +58,6 @@ impl Geometry {
             )?;
         }
         self.generation = generation;
-        self.refreshed = None;
         if lit {
             self.make_gradients(mesh, topology, scalars)?;
         }
@@ -104,12 +101,6 @@ impl Geometry {
         let slots: Vec<u32> = cut.tets.iter().map(slot).collect();
         let tets: Vec<[u32; 4]> = cut.tets.iter().map(|t| mesh.tets[*t as usize]).collect();
         gpu.put(&self.tets, &slots, &tets)?;
-        let places: Vec<u32> = slots
-            .iter()
-            .map(|s| s * RECORD as u32 + RECORD_LINKS as u32)
-            .collect();
-        let across: Vec<[u32; 4]> = cut.tets.iter().map(|t| placed.neighbours(*t)).collect();
-        gpu.put(&self.records, &places, &across)?;
         // A link holds the nodes of the tet behind it.
         let behind = cut
             .tets
@@ -142,9 +133,11 @@ impl Geometry {
         gpu.write_items(&self.boundary, first as u32, &self.boundary_faces[first..])?;
 
         if replaced || moved_away {
-            let (scalars, tets) = (&self.scalars, &self.tets);
-            self.refresh = refresh_pass(&gpu, positions, scalars, tets, &self.records)?;
-            self.count_inverted = count_pass(&gpu, positions, tets, &self.inverted)?;
+            self.count_inverted = count_pass(&gpu, positions, &self.tets, &self.inverted)?;
+        }
+        if let Some(mut records) = self.records.take() {
+            records.follow(&gpu, self.sources())?;
+            self.records = Some(records);
         }
         Ok(())
     }

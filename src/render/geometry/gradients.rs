@@ -2,9 +2,9 @@
 //! on.
 
 use super::{Geometry, Scalars};
-use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
+use crate::gpu::{Array, Pass, Recorder, Texel};
 use crate::mesh::{TetMesh, Topology};
-use crate::render::light::{EDGE, around_nodes};
+use crate::render::light::{Around, EDGE};
 use crate::{Error, Result};
 
 mod gpu_data {
@@ -12,6 +12,7 @@ mod gpu_data {
         /// See `shaders/render/node_gradients.wgsl`.
         pub struct Gradients {
             pub nodes: u32,
+            pub tets: u32,
             pub edge: f32,
         }
     }
@@ -27,26 +28,30 @@ pub(super) struct Gradients {
 
 impl Gradients {
     fn new(
-        gpu: &Gpu,
+        geometry: &Geometry,
         mesh: &TetMesh,
         topology: &Topology,
         cells: Option<&[f64]>,
-        [positions, scalars]: [&Array; 2],
     ) -> Result<Gradients> {
-        let (firsts, around) = around_nodes(mesh, topology, cells);
-        let firsts = gpu.array_of("first entries of nodes", Texel::U32, &firsts)?;
-        let around = gpu.array_of("what is around nodes", Texel::U32x4, &around)?;
+        let gpu = &geometry.gpu;
+        let around = Around::new(mesh, topology, cells, |t| geometry.place[t]);
+        let firsts = gpu.array_of("first entries of nodes", Texel::U32, &around.firsts)?;
+        let items = gpu.array_of("what is around nodes", Texel::U32, &around.items)?;
+        let ends = gpu.array_of("faces at ends", Texel::U32x4, &around.ends)?;
         let nodes = mesh.nodes.len();
         let array = gpu.array("gradients at nodes", Texel::F32x4, nodes)?;
         let pass = gpu
             .pass("render/node_gradients")
-            .read(positions)
-            .read(scalars)
+            .read(&geometry.positions)
+            .read(&geometry.scalars)
             .read(&firsts)
-            .read(&around)
+            .read(&items)
+            .read(&geometry.tets)
+            .read(&ends)
             .write(&array)
             .params(&gpu_data::Gradients {
                 nodes: nodes as u32,
+                tets: mesh.tets.len() as u32,
                 edge: EDGE as f32,
             })
             .over(nodes as u32)?;
@@ -61,7 +66,7 @@ impl Gradients {
 impl Geometry {
     /// Makes ready for light: lists what is around every node, from which gradients are made
     /// whenever the nodes have moved. `mesh`, `topology` and `scalars` are those that it was made
-    /// of. It takes some 64 bytes a tet, and cuts take longer to follow.
+    /// of. It takes some 20 bytes a tet, and cuts take longer to follow.
     ///
     /// # Errors
     /// [`Error::Input`] for other scalars than it has; [`Error::Gpu`] when the lists do not fit
@@ -97,8 +102,7 @@ impl Geometry {
             Scalars::Cells(values) => Some(values),
             Scalars::Nodes(_) => None,
         };
-        let read = [&self.positions, &self.scalars];
-        self.gradients = Some(Gradients::new(&self.gpu, mesh, topology, cells, read)?);
+        self.gradients = Some(Gradients::new(self, mesh, topology, cells)?);
         Ok(())
     }
 
@@ -115,14 +119,17 @@ impl Geometry {
         }
     }
 
-    /// Records the gradients of the nodes where they are now, if they have moved since the last.
-    pub(in crate::render) fn record_gradients(&mut self, work: &mut Recorder) {
+    /// Records the gradients of the nodes where they are now, if they have moved since the last, or
+    /// other scalars are shown. Whether it did.
+    pub(in crate::render) fn record_gradients(&mut self, work: &mut Recorder) -> bool {
         let version = Some(self.positions.version());
         if let Some(gradients) = &mut self.gradients
             && gradients.made_of != version
         {
             gradients.made_of = version;
             gradients.pass.record(work);
+            return true;
         }
+        false
     }
 }

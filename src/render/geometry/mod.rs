@@ -4,24 +4,21 @@
 //! Tets are kept along a Morton curve, whatever their order in the file; nodes keep theirs, so
 //! that positions come straight from whoever moves them.
 
-use crate::gpu::{Array, Gpu, Pass, Positions, Recorder, Texel};
-use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
-use crate::{Error, Result};
+use crate::gpu::{Array, Gpu, Pass, Positions, Texel};
+use crate::mesh::{FACES, LocalFrame, TET_EDGES, TetMesh, Topology, morton_order};
+use crate::{Error, Result, parallel};
 
 mod follow;
 mod gradients;
 mod placed;
+mod records;
 mod scalars;
 
 use gradients::Gradients;
 use placed::Placed;
+use records::Records;
 
 mod gpu_data {
-    crate::gpu_struct! {
-        pub(super) struct Refresh {
-            pub tets: u32,
-        }
-    }
     crate::gpu_struct! {
         pub(super) struct Count {
             pub tets: u32,
@@ -29,10 +26,14 @@ mod gpu_data {
     }
 }
 
-/// Texels of a tet's record (see `refresh_geometry.wgsl`).
-const RECORD: usize = 8;
-/// The texel of a record that holds the neighbours.
-const RECORD_LINKS: usize = 6;
+/// Links of a tet, one a face.
+const LINKS: usize = 4;
+/// Tets whose data are made and sent at a time, so that no list of all is needed.
+const TETS_AT_ONCE: usize = 1 << 20;
+/// Parts of the range of scalars that are told apart where it is asked what is frequent, and tets that
+/// are looked at for it.
+const SPREAD: usize = 256;
+const TETS_OF_SPREAD: usize = 1 << 16;
 
 /// The scalar that is seen.
 #[derive(Clone, Copy, Debug)]
@@ -70,6 +71,10 @@ pub struct Geometry {
     pub(super) range: (f64, f64),
     /// Longest edge at rest, in local units.
     pub(super) longest_edge: f64,
+    /// Mean length of a random ray in a tet, at rest, in local units.
+    pub(super) mean_chord: f64,
+    /// The share of the volume at rest whose scalar lies in each of equal parts of the range.
+    pub(super) spread: Vec<f64>,
     pub(super) positions: Array,
     pub(super) scalars: Array,
     /// One scalar a tet; a single item where scalars are at the nodes.
@@ -80,18 +85,16 @@ pub struct Geometry {
     pub(super) boundary: Array,
     /// The same on the CPU.
     pub(super) boundary_faces: Vec<[u32; 4]>,
-    pub(super) records: Array,
+    /// What the walk over planes reads, where it was asked for.
+    records: Option<Records>,
     /// The nodes in camera space, made anew for each picture.
     pub(super) projected: Array,
-    refresh: Pass,
     inverted: wgpu::Buffer,
     count_inverted: Pass,
     /// Where each tet of the mesh is kept.
     pub(super) place: Vec<u32>,
     /// Counts cuts: what is prepared for its arrays is made for one generation.
     pub(super) generation: u64,
-    /// The version of the positions that the records were made for.
-    refreshed: Option<u64>,
     /// What light needs, where there is some.
     gradients: Option<Gradients>,
     /// Where the nodes rest, where somebody asked.
@@ -143,6 +146,13 @@ impl Geometry {
         range: (f64, f64),
     ) -> Result<Geometry> {
         check_input(mesh, positions, scalars)?;
+        let (count, most) = (mesh.tets.len(), gpu.most_items() / LINKS);
+        if count > most {
+            return Err(Error::Gpu(format!(
+                "{count} tets are more than the {most} that this device can draw: it holds {} links in one texture, {LINKS} for each tet; use a coarser mesh",
+                gpu.most_items()
+            )));
+        }
         let order = morton_order(mesh);
         let mut place = vec![0u32; order.len()];
         for (slot, t) in order.iter().enumerate() {
@@ -153,9 +163,17 @@ impl Geometry {
             topology,
             place: &place,
         };
-        let tets: Vec<[u32; 4]> = order.iter().map(|t| mesh.tets[*t as usize]).collect();
-        let links: Vec<[u32; 2]> = order.iter().flat_map(|t| placed.links(*t)).collect();
-        let boundary_faces: Vec<[u32; 4]> = order.iter().flat_map(|t| placed.bare(*t)).collect();
+        let tets = gpu.array("tets", Texel::U32x4, count)?;
+        let links = gpu.array("links", Texel::U32x2, LINKS * count)?;
+        for (first, part) in (0..).step_by(TETS_AT_ONCE).zip(order.chunks(TETS_AT_ONCE)) {
+            let nodes = parallel::map(part.len(), |k| mesh.tets[part[k] as usize]);
+            gpu.write_items(&tets, first, &nodes)?;
+            let across = parallel::map(part.len(), |k| placed.links(part[k]));
+            gpu.write_items(&links, LINKS as u32 * first, across.as_flattened())?;
+        }
+        let boundary_faces = parallel::collect(count, |range, faces| {
+            faces.extend(range.flat_map(|slot| placed.bare(order[slot])));
+        });
         let (nodes, cells): (Vec<f32>, Vec<f32>) = match scalars {
             Scalars::Nodes(values) => {
                 let shares = values.iter().map(|s| share(*s, range));
@@ -166,39 +184,28 @@ impl Geometry {
                 (vec![0.0; mesh.nodes.len()], sorted.collect())
             }
         };
-        let mut records = vec![[0u32; 4]; RECORD * tets.len()];
-        for (record, t) in records.chunks_exact_mut(RECORD).zip(&order) {
-            record[RECORD_LINKS] = placed.neighbours(*t);
-        }
-        let per_cell = matches!(scalars, Scalars::Cells(_));
-        let scalars = gpu.roomy_array_of("scalars", Texel::F32, &nodes)?;
-        let cells = gpu.array_of("cell scalars", Texel::F32, &cells)?;
-        let nodes = gpu.array_of("tets", Texel::U32x4, &tets)?;
-        let records = gpu.array_of("tet records", Texel::U32x4, &records)?;
         let inverted = gpu.buffer("inverted tets", 4)?;
-        let refresh = refresh_pass(gpu, positions, &scalars, &nodes, &records)?;
-        let count_inverted = count_pass(gpu, positions, &nodes, &inverted)?;
         Ok(Geometry {
             gpu: gpu.clone(),
             frame,
             range,
-            longest_edge: longest_edge(mesh, topology) / frame.scale,
+            longest_edge: longest_edge(mesh) / frame.scale,
+            mean_chord: mean_chord(mesh) / frame.scale,
+            spread: spread(mesh, scalars, range),
             positions: positions.clone(),
-            scalars,
-            cells,
-            per_cell,
-            links: gpu.array_of("links", Texel::U32x2, &links)?,
+            scalars: gpu.roomy_array_of("scalars", Texel::F32, &nodes)?,
+            cells: gpu.array_of("cell scalars", Texel::F32, &cells)?,
+            per_cell: matches!(scalars, Scalars::Cells(_)),
             boundary: gpu.roomy_array_of("boundary", Texel::U32x4, &boundary_faces)?,
             boundary_faces,
-            tets: nodes,
+            count_inverted: count_pass(gpu, positions, &tets, &inverted)?,
+            tets,
+            links,
             projected: gpu.roomy_array("projected nodes", Texel::F32x4, mesh.nodes.len())?,
-            records,
-            refresh,
+            records: None,
             inverted,
-            count_inverted,
             place,
             generation: 0,
-            refreshed: None,
             gradients: None,
             rests: None,
         })
@@ -264,21 +271,6 @@ impl Geometry {
     /// Three vertices for each boundary face.
     pub(super) fn corners(&self) -> u32 {
         3 * self.boundary.len()
-    }
-
-    /// Normals, gradients and neighbours of each tet, eight texels each, as the walk over planes
-    /// reads them; laid out as `shaders/render/refresh_geometry.wgsl` says.
-    pub fn records(&self) -> &Array {
-        &self.records
-    }
-
-    /// Records the refresh of normals and gradients, if the positions changed since the last.
-    pub fn record_refresh(&mut self, work: &mut Recorder) {
-        let version = Some(self.positions.version());
-        if self.refreshed != version {
-            self.refresh.record(work);
-            self.refreshed = version;
-        }
     }
 
     /// Number of tets that are inside out or flat at the present positions. Reads back.
@@ -351,28 +343,52 @@ fn scalar_range(scalars: &[f64]) -> (f64, f64) {
     }
 }
 
-fn longest_edge(mesh: &TetMesh, topology: &Topology) -> f64 {
-    topology
-        .edges
-        .iter()
-        .map(|[a, b]| mesh.nodes[*a as usize].distance(mesh.nodes[*b as usize]))
-        .fold(0.0, f64::max)
+/// The longest edge, of parts by several threads.
+fn longest_edge(mesh: &TetMesh) -> f64 {
+    let longest = parallel::collect(mesh.tets.len(), |range, longest| {
+        let edges = range.flat_map(|t| {
+            let p = mesh.tet_nodes(t);
+            TET_EDGES.map(|[a, b]| p[a].distance_squared(p[b]))
+        });
+        longest.push(edges.fold(0.0, f64::max));
+    });
+    longest.into_iter().fold(0.0, f64::max).sqrt()
 }
 
-fn refresh_pass(
-    gpu: &Gpu,
-    positions: &Array,
-    scalars: &Array,
-    tets: &Array,
-    records: &Array,
-) -> Result<Pass> {
-    gpu.pass("render/refresh_geometry")
-        .read(positions)
-        .read(scalars)
-        .read(tets)
-        .write(records)
-        .params(&gpu_data::Refresh { tets: tets.len() })
-        .over(tets.len())
+/// Four times the volume over the surface, of all tets together: the mean chord of convex bodies
+/// (Cauchy).
+fn mean_chord(mesh: &TetMesh) -> f64 {
+    let volume = parallel::sum(mesh.tets.len(), |t| mesh.tet_volume(t).abs());
+    let surface = parallel::sum(mesh.tets.len(), |t| {
+        let corners = mesh.tet_nodes(t);
+        let areas = FACES.iter().map(|face| {
+            let [p, q, r] = face.map(|k| corners[k]);
+            0.5 * (q - p).cross(r - p).length()
+        });
+        areas.sum()
+    });
+    4.0 * volume / surface.max(f64::MIN_POSITIVE)
+}
+
+/// The share of the volume whose scalar lies in each of [`SPREAD`] equal parts of the range: of every
+/// so many tets in large meshes.
+fn spread(mesh: &TetMesh, scalars: Scalars, range: (f64, f64)) -> Vec<f64> {
+    let mut spread = vec![0.0; SPREAD];
+    let every = mesh.tets.len().div_ceil(TETS_OF_SPREAD).max(1);
+    for t in (0..mesh.tets.len()).step_by(every) {
+        let middle = match scalars {
+            Scalars::Nodes(values) => {
+                mesh.tets[t].map(|v| values[v as usize]).iter().sum::<f64>() / 4.0
+            }
+            Scalars::Cells(values) => values[t],
+        };
+        let bin = (share(middle, range) * SPREAD as f32) as usize;
+        spread[bin.min(SPREAD - 1)] += mesh.tet_volume(t).abs();
+    }
+    let whole: f64 = spread.iter().sum();
+    let each = |part: &mut f64| *part /= whole.max(f64::MIN_POSITIVE);
+    spread.iter_mut().for_each(each);
+    spread
 }
 
 fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffer) -> Result<Pass> {

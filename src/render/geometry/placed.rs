@@ -11,14 +11,6 @@ pub(super) struct Placed<'a> {
 }
 
 impl Placed<'_> {
-    /// 4 tet + face across each face.
-    pub fn neighbours(&self, t: u32) -> [u32; 4] {
-        self.topology.neighbours[t as usize].map(|code| match code {
-            NO_NEIGHBOUR => NO_NEIGHBOUR,
-            code => 4 * self.place[code as usize / 4] + code % 4,
-        })
-    }
-
     /// Across the face opposite the k-th smallest node: the neighbour, and the exclusive or of
     /// its nodes.
     pub fn links(&self, t: u32) -> [[u32; 2]; 4] {

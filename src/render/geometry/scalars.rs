@@ -1,6 +1,6 @@
 //! Other scalars in place of those that a geometry was made with: of a body that moves.
 
-use super::{Geometry, Scalars, check_input, share};
+use super::{Geometry, Scalars, check_input, share, spread};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 
@@ -34,6 +34,7 @@ impl Geometry {
             ));
         }
         self.range = range;
+        self.spread = spread(mesh, scalars, range);
         match scalars {
             Scalars::Nodes(values) => {
                 let shares: Vec<f32> = values.iter().map(|s| share(*s, range)).collect();
@@ -47,7 +48,9 @@ impl Geometry {
                 self.gpu.write_items(&self.cells, 0, &shares)?;
             }
         }
-        self.refreshed = None;
+        if let Some(records) = &mut self.records {
+            records.forget();
+        }
         self.forget_gradients();
         Ok(())
     }

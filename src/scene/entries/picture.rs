@@ -1,14 +1,17 @@
 //! The view, the light and the picture.
 
+use crate::annotate::Axes;
 use crate::render::Light;
 use crate::scene::words;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 
 /// The light on the inside.
 ///
 /// ```toml
 /// [light]
 /// from = "head"           # the eye; or "none", or [1.0, 0, 2]: the direction towards it
+/// shadows = 0.7           # how dark they are, to 1; none where nothing is said
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -16,6 +19,8 @@ pub struct LightEntry {
     /// Where it comes from; the eye where nothing is said.
     #[serde(default, deserialize_with = "words::light")]
     pub from: Option<Light>,
+    /// How dark it is where the body keeps the light off.
+    pub shadows: Option<f64>,
 }
 
 /// The view, in the units of the mesh file.
@@ -84,7 +89,69 @@ pub struct PictureEntry {
     /// The root mean square error that its values may have, in 1/255: the cheapest settings that
     /// were measured to keep to it are taken. 0.5 where nothing is said.
     pub quality: Option<f64>,
-    /// With skins: the picture is drawn so many times larger each way, and averaged; 2 where
-    /// nothing is said. A translucent skin over a volume is quicker with 1.
+    /// Samples a pixel: a square number from 1 to 64. The picture is drawn so many times as large,
+    /// 4 being twice each way, and each pixel is their mean, of colours premultiplied by opacity, as
+    /// they are composed. Where nothing is said 4 with skins and of a lit boundary, and 1 otherwise;
+    /// a translucent skin over a volume is quicker with 1.
     pub samples: Option<u32>,
+    /// Regions, by name or label, that are not drawn at all.
+    #[serde(default)]
+    pub hide: Vec<String>,
+    /// What regions look like, by name or label.
+    #[serde(default)]
+    pub region: BTreeMap<String, RegionLookEntry>,
+    /// A bar of the field's colours, or its regions by name, at the right. Like all that is drawn
+    /// onto a picture, on PNGs and films: an EXR has the values alone.
+    pub legend: Option<bool>,
+    /// A bar of a round length, in the mesh's unit or metres where that is known. Of a perspective
+    /// camera it is the length at the distance of what it looks at.
+    pub scale_bar: Option<bool>,
+    /// `true` for arrows x, y and z, or `"anatomical"` for R L A P S I at the picture's edges, of a
+    /// mesh in RAS, as those made of scans are: see [`Axes`](crate::annotate::Axes).
+    #[serde(default, deserialize_with = "words::axes")]
+    pub axes: Option<Axes>,
+    /// A line of text at the top.
+    pub title: Option<String>,
+    /// The simulated time, at the upper left.
+    pub time: Option<bool>,
+}
+
+impl PictureEntry {
+    /// The transfer functions that are the names of JSON files.
+    pub(in crate::scene) fn transfer_files(&mut self) -> impl Iterator<Item = &mut String> {
+        let of_regions = self.region.values_mut();
+        let of_regions = of_regions.filter_map(|look| look.transfer.as_mut());
+        let all = self.transfer.as_mut().into_iter().chain(of_regions);
+        all.filter(|transfer| transfer.ends_with(".json"))
+    }
+}
+
+/// What a region of a labelled body looks like; what is not said is as in the rest of the picture.
+///
+/// ```toml
+/// [picture.region.bone]
+/// transfer = "bone"       # over the field's range
+///
+/// [picture.region.skin]
+/// colour = "wheat"        # one colour, whatever the field
+/// opacity = 0.2           # of a ray's mean way through the region
+///
+/// [picture.region.3]
+/// hidden = true
+/// ```
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RegionLookEntry {
+    /// A preset's name, a JSON file beside the scene file, or the JSON itself.
+    #[serde(default, deserialize_with = "words::transfer")]
+    pub transfer: Option<String>,
+    /// A colour's name, or #RRGGBB: for all values of the field.
+    #[serde(default, deserialize_with = "words::colour")]
+    pub colour: Option<String>,
+    /// What a ray's mean way through the region hides, from 0 to 1, whatever the field; 0.9 where
+    /// a colour is given and no transfer function.
+    pub opacity: Option<f64>,
+    /// Whether it is not drawn at all.
+    #[serde(default)]
+    pub hidden: bool,
 }

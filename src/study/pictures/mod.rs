@@ -8,7 +8,8 @@ use super::{Cell, Run};
 use crate::Result;
 use crate::gpu::Gpu;
 use crate::render::{
-    Camera, Difference, Image, Mode, RaycastOptions, Raycaster, TableForm, TableTexel, Target,
+    Camera, Difference, Image, Inside, Light, Mode, RaycastOptions, Raycaster, Reads, TableForm,
+    TableTexel, Target,
 };
 use crate::scene::median_ms;
 use findings::{chart, finding, overview};
@@ -23,10 +24,12 @@ struct Setting {
     options: RaycastOptions,
     /// The picture is drawn so many times smaller each way, and enlarged.
     shrink: f64,
+    /// Whether planes and isosurfaces are drawn too.
+    planes: bool,
 }
 
 /// The columns that say what was drawn, and how.
-const SETTINGS: [&str; 10] = [
+const SETTINGS: [&str; 13] = [
     "scene",
     "transfer",
     "pixels",
@@ -37,6 +40,9 @@ const SETTINGS: [&str; 10] = [
     "samples_a_tet",
     "opaque",
     "shrink",
+    "reads",
+    "light",
+    "planes",
 ];
 /// The columns of what was found: differences in 1/255, FLIP from 0 to 1.
 const RESULTS: [&str; 6] = ["tets", "table_chosen", "rmse_255", "p999_255", "flip", "ms"];
@@ -48,8 +54,32 @@ fn settings(quick: bool) -> Vec<Setting> {
         family,
         options,
         shrink: 1.0,
+        planes: false,
     };
     let mut all = vec![of("default", plain)];
+    let lit = RaycastOptions {
+        light: Light::Head,
+        ..plain
+    };
+    all.push(of("light", lit));
+    for options in [plain, lit] {
+        all.push(Setting {
+            planes: true,
+            ..of("planes", options)
+        });
+    }
+    let integrals = RaycastOptions {
+        table: TableForm::Integrals,
+        ..plain
+    };
+    all.push(of("integrals", integrals));
+    all.push(of(
+        "sampled reads",
+        RaycastOptions {
+            reads: Reads::Sampled,
+            ..plain
+        },
+    ));
     let sizes: &[u32] = if quick {
         &[32, 128]
     } else {
@@ -64,6 +94,7 @@ fn settings(quick: bool) -> Vec<Setting> {
             all.push(of(
                 "sliced table",
                 RaycastOptions {
+                    table: TableForm::Sliced,
                     table_size: Some(*size),
                     texel: *texel,
                     ..plain
@@ -115,9 +146,8 @@ fn settings(quick: bool) -> Vec<Setting> {
     };
     for shrink in shrinks {
         all.push(Setting {
-            family: "resolution",
-            options: plain,
             shrink: *shrink,
+            ..of("resolution", plain)
         });
     }
     all
@@ -125,6 +155,8 @@ fn settings(quick: bool) -> Vec<Setting> {
 
 fn table_name(table: TableForm) -> &'static str {
     match table {
+        TableForm::Fitting => "fitting",
+        TableForm::Integrals => "integrals",
         TableForm::Sliced => "sliced",
         TableForm::Volume => "volume",
         TableForm::Samples(_) => "none",
@@ -155,17 +187,49 @@ impl Setting {
             samples.into(),
             options.opaque.into(),
             self.shrink.into(),
+            match options.reads {
+                Reads::ByAdapter => "by adapter",
+                Reads::Stored => "stored",
+                Reads::Sampled => "sampled",
+            }
+            .into(),
+            if options.light.is_on() {
+                "head"
+            } else {
+                "none"
+            }
+            .into(),
+            if self.planes { "all" } else { "none" }.into(),
         ]
     }
 }
 
-/// A subject with its raycaster and the exact picture, kept while its points are measured.
+/// A subject with its raycaster and the exact pictures, kept while its points are measured.
 struct Prepared {
     name: String,
     through: String,
     subject: Subject,
     caster: Raycaster,
-    truth: Image,
+    size: [u32; 2],
+    /// By what is drawn: with planes or not, in light or not.
+    truths: Vec<((bool, bool), Image)>,
+}
+
+impl Prepared {
+    /// The exact picture of what `setting` draws.
+    fn truth(&mut self, setting: &Setting) -> &Image {
+        let key = (setting.planes, setting.options.light.is_on());
+        let at = match self.truths.iter().position(|t| t.0 == key) {
+            Some(at) => at,
+            None => {
+                let subject = &self.subject;
+                let truth = subject.truth(&self.caster, self.size, setting.options.light);
+                self.truths.push((key, truth));
+                self.truths.len() - 1
+            }
+        };
+        &self.truths[at].1
+    }
 }
 
 /// Measures error and time of pictures over the raycaster's settings; of the study's five bodies,
@@ -245,27 +309,32 @@ fn prepare(
         None => Subject::new(name, through)?,
     };
     let caster = subject.raycaster(gpu)?;
-    let truth = subject.truth(&caster, [side, side]);
     Ok(Prepared {
         name: name.to_owned(),
         through: through.to_owned(),
         subject,
         caster,
-        truth,
+        size: [side, side],
+        truths: Vec::new(),
     })
 }
 
 /// Draws with one setting, and holds the picture against the truth.
 fn measure(run: &Run, prepared: &mut Prepared, setting: &Setting) -> Result<Vec<Cell>> {
-    let size = prepared.truth.size;
+    let size = prepared.size;
     let drawn = size.map(|n| (f64::from(n) / setting.shrink).round() as u32);
     let caster = &mut prepared.caster;
     caster.set_options(setting.options)?;
+    caster.set_inside(&match setting.planes {
+        true => prepared.subject.inside(),
+        false => Inside::default(),
+    })?;
     let camera = *prepared.subject.camera();
     let picture = caster
         .image(&camera, drawn, Mode::Composite)?
         .enlarged(size);
-    let apart = Difference::between(&prepared.truth, &picture)?;
+    let apart = Difference::between(prepared.truth(setting), &picture)?;
+    let caster = &mut prepared.caster;
     let frames = if run.quick { 1 } else { 5 };
     let ms = frame_ms(run.gpu, caster, &camera, drawn, frames)?;
     Ok(vec![

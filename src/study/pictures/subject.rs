@@ -4,9 +4,10 @@
 use crate::gpu::Gpu;
 use crate::mesh::signed_volume;
 use crate::mesh::{LocalFrame, Location, TetMesh, Topology, bounds, depth_field, generate};
-use crate::render::RayReference;
 use crate::render::{
-    Camera, Geometry, Image, RaycastOptions, Raycaster, Scalars, TransferFunction, local_positions,
+    Camera, Geometry, Image, Inside, Isosurface, Light, Lighting, Plane, PlaneKind, RayReference,
+    RaycastOptions, Raycaster, Scalars, TransferFunction, local_positions, node_gradients, shade,
+    shade_surface,
 };
 use crate::scene::Stage;
 use crate::study::bodies;
@@ -165,30 +166,109 @@ impl Subject {
         self.mesh.tets.len()
     }
 
-    /// What draws it.
+    /// What draws it, ready for light and for planes that bend with it.
     pub fn raycaster(&self, gpu: &Gpu) -> Result<Raycaster> {
         let frame = LocalFrame::of_mesh(&self.mesh);
         let positions = local_positions(gpu, &frame, &self.positions)?;
         let topology = Topology::new(&self.mesh);
-        let geometry = Geometry::new(gpu, &self.mesh, &topology, frame, &positions, self.seen())?;
+        let seen = self.seen();
+        let mut geometry = Geometry::new(gpu, &self.mesh, &topology, frame, &positions, seen)?;
+        geometry.illuminate(&self.mesh, &topology, seen)?;
+        geometry.remember_rest(&self.mesh)?;
         Raycaster::with_options(gpu, geometry, &self.transfer, RaycastOptions::default())
     }
 
-    /// The exact picture: the ray integral in float64 through the middle of every pixel.
-    pub fn truth(&self, caster: &Raycaster, size: [u32; 2]) -> Image {
+    /// A plane in space that cuts some of it off, one in the body at rest, a slice, and of a field
+    /// at the nodes an isosurface.
+    pub fn inside(&self) -> Inside {
+        let (low, high) = bounds(&self.positions);
+        let (middle, size) = (0.5 * (low + high), high - low);
+        let (rest_low, rest_high) = self.mesh.bounds();
+        let at_rest = 0.5 * (rest_low + rest_high) + 0.2 * DVec3::Y * (rest_high - rest_low).y;
+        let slice = Plane::slice(middle - 0.05 * size, DVec3::new(0.9, -0.3, 0.4));
+        let values = self.scalars.iter();
+        let (least, most) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), s| {
+            (a.min(*s), b.max(*s))
+        });
+        let isosurface = Isosurface {
+            value: least + 0.6 * (most - least),
+            colour: Some([0.9, 0.3, 0.2]),
+            opacity: 0.5,
+        };
+        Inside {
+            planes: vec![
+                Plane::clip(middle + 0.15 * size, DVec3::new(1.0, 0.2, 0.3)),
+                Plane::clip(at_rest, DVec3::new(-0.1, 1.0, 0.2)).resting(),
+                Plane {
+                    kind: PlaneKind::Slice(0.7),
+                    ..slice
+                },
+            ],
+            isosurfaces: match self.cells {
+                Some(_) => Vec::new(),
+                None => vec![isosurface],
+            },
+            volume: true,
+        }
+    }
+
+    /// The exact picture of what `caster` draws, in `light`: the ray integral in float64 through the
+    /// middle of every pixel.
+    pub fn truth(&self, caster: &Raycaster, size: [u32; 2], light: Light) -> Image {
         let transfer = caster.transfer();
         let rays = match &self.cells {
             Some(cells) => RayReference::of_cells(&self.mesh, &self.positions, cells),
             None => RayReference::new(&self.mesh, &self.positions, &self.scalars),
         };
+        let gradients = self.gradients(caster, light);
+        let mix = |of: &[DVec3], tet: u32, weights: [f64; 4]| -> DVec3 {
+            let nodes = self.mesh.tets[tet as usize].iter();
+            nodes.zip(weights).map(|(v, w)| w * of[*v as usize]).sum()
+        };
         let pixels = rays.picture(&self.camera, size, |rays, ray| {
-            rays.composite(ray, &transfer)
+            let gradient = |tet: u32, p: DVec3| mix(&gradients, tet, rays.weights_in(tet, p));
+            let rest = |tet: u32, weights: [f64; 4]| mix(&self.mesh.nodes, tet, weights);
+            let volume = |tet: u32, p: DVec3, way: DVec3| shade(light, gradient(tet, p), way);
+            let surface =
+                |tet: u32, p: DVec3, way: DVec3| shade_surface(light, gradient(tet, p), way);
+            let lighting = Lighting {
+                volume: &volume,
+                surface: &surface,
+            };
+            let lit = light.is_on().then_some(&lighting);
+            rays.composite_inside(ray, &|_| Some(&transfer), caster.inside(), &rest, lit)
         });
         Image {
             size,
             channels: 4,
             values: pixels.into_iter().flatten().map(|v| v as f32).collect(),
         }
+    }
+
+    /// The gradients that light sees at the nodes; nothing where there is none.
+    fn gradients(&self, caster: &Raycaster, light: Light) -> Vec<DVec3> {
+        if !light.is_on() {
+            return Vec::new();
+        }
+        let geometry = caster.geometry();
+        let (frame, (low, high)) = (geometry.frame(), geometry.scalar_range());
+        let local = self.positions.iter();
+        let local: Vec<DVec3> = local.map(|p| (*p - frame.origin) / frame.scale).collect();
+        let shares: Vec<f64> = match &self.cells {
+            Some(_) => vec![0.0; self.scalars.len()],
+            None => {
+                let share = |s: &f64| (s - low) / (high - low);
+                self.scalars.iter().map(share).collect()
+            }
+        };
+        let topology = Topology::new(&self.mesh);
+        node_gradients(
+            &self.mesh,
+            &topology,
+            &local,
+            &shares,
+            self.cells.as_deref(),
+        )
     }
 }
 

@@ -7,7 +7,7 @@ use crate::mesh::{Blade, Location, TetMesh, Topology, generate};
 use crate::parallel;
 use crate::physics::{Body, Engine, EngineChoice, HeldEnd, Material, SolverKind};
 use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
-use crate::render::{RayReference, segment_integral, tet_gradient, tet_planes};
+use crate::render::{RayReference, TableForm, segment_integral, tet_gradient, tet_planes};
 use crate::scene::median_ms;
 use crate::study::Cell;
 use crate::study::pictures::frame_ms;
@@ -136,7 +136,7 @@ impl Cube {
         median_ms(repeats, || {
             geometry.positions().touch();
             let mut work = gpu.record();
-            geometry.record_refresh(&mut work);
+            geometry.record_refresh(&mut work)?;
             work.submit()?;
             gpu.wait()
         })
@@ -210,6 +210,7 @@ impl Cube {
     /// A new transfer function: its table is made and used once.
     fn table(&self, gpu: &Gpu, texels: usize, repeats: u32) -> Result<f64> {
         let options = RaycastOptions {
+            table: TableForm::Sliced,
             table_size: Some((texels as f64).sqrt().round() as u32),
             ..Default::default()
         };
@@ -225,7 +226,11 @@ impl Cube {
 
     /// The exact integral for every texel of as many slices.
     fn twin_table(&self, gpu: &Gpu, texels: usize) -> Result<f64> {
-        let caster = self.raycaster(gpu, RaycastOptions::default())?;
+        let options = RaycastOptions {
+            table: TableForm::Sliced,
+            ..Default::default()
+        };
+        let caster = self.raycaster(gpu, options)?;
         let (transfer, slices) = (caster.transfer(), caster.table_layers());
         let side = (texels as f64).sqrt().round() as usize;
         median_ms(1, || {

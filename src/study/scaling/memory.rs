@@ -3,7 +3,7 @@
 
 use super::{Axis, Cell, Chart, Look, Run, Series};
 use crate::Result;
-use crate::gpu::{Gpu, ROW};
+use crate::gpu::{Gpu, array_size};
 use crate::mesh::{Location, TetMesh, Topology, generate};
 use crate::physics::{Body, Material, SolverKind};
 use crate::render::Geometry;
@@ -41,7 +41,7 @@ const fn arrays(part: &'static str, each: Each, item: u64, roomy: bool, arrays: 
 
 const PARTS: [&str; 4] = ["body", "symplectic", "implicit", "geometry"];
 
-const ARRAYS: [Arrays; 15] = [
+const ARRAYS: [Arrays; 14] = [
     // Positions, velocities, external forces, rows; masses.
     arrays("body", Each::Node, 16, true, 4),
     arrays("body", Each::Node, 8, true, 1),
@@ -55,17 +55,16 @@ const ARRAYS: [Arrays; 15] = [
     arrays("implicit", Each::Node, 32, true, 1),
     arrays("implicit", Each::Node, 16, true, 9),
     arrays("implicit", Each::Spring, 16, true, 1),
-    // Scalars, projections; vertices, record; links; faces.
+    // Scalars, projections; vertices; links; faces.
     arrays("geometry", Each::Node, 4, true, 1),
     arrays("geometry", Each::Node, 16, true, 1),
     arrays("geometry", Each::Tet, 16, false, 1),
-    arrays("geometry", Each::Tet, 128, false, 1),
     arrays("geometry", Each::Link, 8, false, 1),
     arrays("geometry", Each::Face, 16, true, 1),
 ];
 
 impl Arrays {
-    /// Bytes for `count` items, in whole rows of texels.
+    /// Bytes for `count` items, in rows of texels.
     fn bytes(&self, count: usize) -> u64 {
         let count = count as u64;
         let items = if self.roomy {
@@ -75,7 +74,8 @@ impl Arrays {
         };
         // Texels are 16 bytes at most: an item of more is several of them.
         let texels = items * self.item.div_ceil(16);
-        self.arrays * texels.div_ceil(u64::from(ROW)).max(1) * u64::from(ROW) * self.item.min(16)
+        let [width, rows] = array_size(u32::try_from(texels).unwrap_or(u32::MAX)).map(u64::from);
+        self.arrays * width * rows * self.item.min(16)
     }
 
     /// Bytes that one more item takes of a large mesh.
@@ -94,7 +94,7 @@ pub fn computed_bytes(part: &str, mesh: &TetMesh, topology: &Topology) -> f64 {
             Each::Tet => mesh.tets.len(),
             Each::Face => topology.boundary.len(),
             Each::Link => 4 * mesh.tets.len(),
-            Each::Spring => 2 * topology.edges.len(),
+            Each::Spring => 2 * mesh.edges().len(),
         })
     };
     let bytes: u64 = ARRAYS.iter().filter(|a| a.part == part).map(of).sum();
@@ -147,7 +147,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
         let (made, given) = part_bytes(run.gpu, point[0].text(), &mesh)?;
         Ok(vec![
             mesh.nodes.len().into(),
-            topology.edges.len().into(),
+            mesh.edges().len().into(),
             topology.boundary.len().into(),
             computed_bytes(point[0].text(), &mesh, &topology).into(),
             made.into(),
@@ -203,7 +203,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
             a_tet("driver_bytes")
         );
     }
-    text += "\n\nMemory is linear in nodes, tets and springs; of small meshes, whole rows of 4,096 texels and the room for cuts are most of it.";
+    text += "\n\nMemory is linear in nodes, tets and springs; of small meshes, the room for cuts is most of it.";
     Ok((text, "scaling-memory".into()))
 }
 

@@ -254,9 +254,10 @@ fn against_rod(run: &Run, rows: &[Row]) -> Result<String> {
         let mut rigid = None;
         for row in of(rows, "rod", how) {
             let count = row.number("iterations_a_step");
-            match row.text("rod").parse::<f64>() {
-                Ok(factor) => points.push([factor, count]),
-                Err(_) => rigid = Some(count),
+            // A table that is read back has numbers for numbers.
+            match row.number("rod") {
+                factor if factor.is_finite() => points.push([factor, count]),
+                _ => rigid = Some(count),
             }
         }
         let ends = points.first().zip(points.last()).map(|(a, b)| [a[0], b[0]]);
@@ -282,22 +283,28 @@ fn finding(rows: &[Row]) -> String {
     for how in KINDS {
         let points = curve(rows, how);
         if let (Some(p), Some(last)) = (exponent(&points), of(rows, "tets", how).last()) {
+            let iterations = match how.1.is_implicit() {
+                true => format!("{:.0}", last.number("iterations_a_step")),
+                false => "none".to_owned(),
+            };
             text += &format!(
-                "| {} | {} | {} | {p:.2} | {:.0} | {:.0} | {:.2} |\n",
+                "| {} | {} | {} | {p:.2} | {:.0} | {iterations} | {:.2} |\n",
                 how.0,
                 how.1,
                 how.2,
                 last.number("tets"),
-                last.number("iterations_a_step"),
                 last.number("ms_a_step")
             );
         }
     }
     text += "\nThe same bar with a rod in it, so many times as stiff as what is around, or rigid; \"off\" is how far the bar is from where the rigid rod has it, after 20 steps, over its way:\n\n| rod | on | iterations | ms a step | off |\n|---|---|---|---|---|\n";
     for row in rows.iter().filter(|r| r.text("against") == "rod") {
+        let rod = match row.number("rod") {
+            factor if factor.is_finite() => format!("{factor} times"),
+            _ => row.text("rod").to_owned(),
+        };
         text += &format!(
-            "| {} | {} | {:.0} | {:.2} | {:.2} % |\n",
-            row.text("rod"),
+            "| {rod} | {} | {:.0} | {:.2} | {:.2} % |\n",
             row.text("on"),
             row.number("iterations_a_step"),
             row.number("ms_a_step"),

@@ -2,6 +2,7 @@
 
 mod bake;
 mod convert;
+mod film;
 mod mesh;
 mod pick;
 mod resume;

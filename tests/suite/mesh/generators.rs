@@ -49,8 +49,8 @@ fn verlet_limit(mesh: &TetMesh, kappa: f64, density: f64) -> f64 {
             mass[v as usize] += density * mesh.tet_volume(t) / 4.0;
         }
     }
-    let blocks: Vec<(usize, usize, DMat3)> = Topology::new(mesh)
-        .edges
+    let blocks: Vec<(usize, usize, DMat3)> = mesh
+        .edges()
         .iter()
         .map(|&[a, b]| (a as usize, b as usize))
         .map(|(a, b)| {

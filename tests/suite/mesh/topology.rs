@@ -64,14 +64,13 @@ proptest! {
 
     #[test]
     fn edges_are_those_of_the_tets(mesh in ragged()) {
-        let topology = Topology::new(&mesh);
         let mut expected = std::collections::BTreeSet::new();
         for tet in &mesh.tets {
             for a in tet {
                 expected.extend(tet.iter().filter(|b| a < b).map(|b| [*a, *b]));
             }
         }
-        prop_assert_eq!(topology.edges, expected.into_iter().collect::<Vec<_>>());
+        prop_assert_eq!(mesh.edges(), expected.into_iter().collect::<Vec<_>>());
     }
 }
 
@@ -83,4 +82,18 @@ fn pieces_are_counted_by_faces_not_by_edges() {
         TetMesh::new(mesh.nodes.clone(), mesh.tets[1..].to_vec(), vec![], vec![]).unwrap();
     assert_eq!(components(&Topology::new(&mesh)).1, 1);
     assert_eq!(components(&Topology::new(&corners)).1, 4);
+}
+
+#[test]
+fn neighbours_need_no_nodes() {
+    // Two tets at a face, whose nodes are far up in a list that is not given.
+    let far = u32::MAX - 1;
+    let mesh = TetMesh {
+        tets: vec![[far, 7, 8, 9], [0, 8, 7, 9]],
+        ..TetMesh::default()
+    };
+    let topology = Topology::new(&mesh);
+    assert_eq!(topology.neighbours[0], [4, u32::MAX, u32::MAX, u32::MAX]);
+    assert_eq!(topology.neighbours[1], [0, u32::MAX, u32::MAX, u32::MAX]);
+    assert_eq!(topology.boundary.len(), 6);
 }

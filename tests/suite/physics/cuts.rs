@@ -217,7 +217,7 @@ fn cuts_go_on_when_the_room_is_used_up() {
         assert_eq!(steps, last + 2, "round {round}");
         last = steps;
     }
-    // The arrays began with room for 4,096.
+    // The arrays began with room for fewer than 4,096.
     assert!(
         nodes < 2_500 && mesh.nodes.len() > 4_096,
         "{nodes}, {}",

@@ -76,7 +76,7 @@ pub fn waves(mesh: &TetMesh) -> Vec<f64> {
         .collect()
 }
 
-/// The transfer function of the comparison with VTK (`scripts/bench_vtk.py`).
+/// The transfer function of the comparison with VTK (`benches/peers/cube.py`).
 pub fn peers_transfer() -> TransferFunction {
     TransferFunction::new(
         vec![

@@ -3,26 +3,31 @@
 use crate::render::common::*;
 use glam::{DVec3, Vec4};
 use palpate::gpu::{Gpu, Texel};
-use palpate::mesh::{FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, generate, morton_order};
-use palpate::render::{Geometry, local_positions};
-use palpate::render::{tet_gradient, tet_planes};
+use palpate::mesh::{
+    Blade, FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, cut, generate, morton_order,
+};
+use palpate::render::*;
 
-/// The records of a mesh after a refresh: eight texels a tet.
+/// The records of a mesh after a refresh: eight texels a tet, as floats.
 fn records(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> Vec<[Vec4; 8]> {
+    let float = |t: [u32; 4]| Vec4::from(t.map(f32::from_bits));
+    let texels = texels(gpu, mesh, positions, scalars);
+    texels.into_iter().map(|record| record.map(float)).collect()
+}
+
+/// The same as they are.
+fn texels(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> Vec<[[u32; 4]; 8]> {
     let frame = LocalFrame::of_mesh(mesh);
     let array = local_positions(gpu, &frame, positions).unwrap();
     let mut geometry =
         Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &array, scalars).unwrap();
     let mut work = gpu.record();
-    geometry.record_refresh(&mut work);
+    geometry.record_refresh(&mut work).unwrap();
     work.submit().unwrap();
-    assert_eq!(geometry.records().texel(), Texel::U32x4);
-    let texels: Vec<[u32; 4]> = gpu.read_array(geometry.records()).unwrap();
-    let float = |t: &[u32; 4]| Vec4::from(t.map(f32::from_bits));
-    texels
-        .chunks_exact(8)
-        .map(|record| std::array::from_fn(|k| float(&record[k])))
-        .collect()
+    let records = geometry.records().unwrap();
+    assert_eq!(records.texel(), Texel::U32x4);
+    let texels: Vec<[u32; 4]> = gpu.read_array(records).unwrap();
+    texels.as_chunks::<8>().0.to_vec()
 }
 
 fn in_frame(frame: &LocalFrame, p: DVec3) -> DVec3 {
@@ -68,7 +73,7 @@ fn planes_and_gradients_match_their_twin() {
 }
 
 #[test]
-fn both_tets_of_a_face_hold_the_same_plane_bit_by_bit() {
+fn both_tets_of_a_face_hold_the_same_plane_bit_by_bit_and_each_other() {
     same_planes(&slivers());
     if let Some(liver) = real_mesh("tet/gaia_liver.mesh") {
         same_planes(&liver);
@@ -78,7 +83,8 @@ fn both_tets_of_a_face_hold_the_same_plane_bit_by_bit() {
 fn same_planes(mesh: &TetMesh) {
     let gpu = gpu();
     let positions = bent(mesh);
-    let records = records(&gpu, mesh, &positions, &waves(mesh));
+    let texels = texels(&gpu, mesh, &positions, &waves(mesh));
+    let plane = |slot: usize, f: usize| Vec4::from(texels[slot][f].map(f32::from_bits));
     let order = morton_order(mesh);
     let mut place = vec![0; order.len()];
     order
@@ -87,9 +93,15 @@ fn same_planes(mesh: &TetMesh) {
         .for_each(|(new, old)| place[*old as usize] = new);
     let mut shared_faces = 0;
     for (t, across) in Topology::new(mesh).neighbours.iter().enumerate() {
-        for (f, code) in across.iter().enumerate().filter(|c| *c.1 != NO_NEIGHBOUR) {
-            let mine = records[place[t]][f];
-            let other = records[place[*code as usize / 4]][*code as usize % 4];
+        for (f, code) in across.iter().enumerate() {
+            let linked = texels[place[t]][6][f];
+            if *code == NO_NEIGHBOUR {
+                assert_eq!(linked, NO_NEIGHBOUR, "tet {t}, face {f}");
+                continue;
+            }
+            let (slot, face) = (place[*code as usize / 4], *code as usize % 4);
+            assert_eq!(linked as usize, 4 * slot + face, "tet {t}, face {f}");
+            let (mine, other) = (plane(place[t], f), plane(slot, face));
             assert_eq!(mine, -other, "tet {t}, face {f} {:?}", FACES[f]);
             shared_faces += 1;
         }
@@ -135,4 +147,72 @@ fn inverted_tets_are_counted() {
         .count();
     assert!(expected > 0);
     assert_eq!(count(&torn) as usize, expected);
+}
+
+#[test]
+fn records_are_made_for_the_walk_that_reads_them() {
+    // Of its own: the bytes are counted by device.
+    let gpu = Gpu::new().unwrap();
+    let mut mesh = generate::benchmark_cube(8, true).unwrap();
+    let mut topology = Topology::new(&mesh);
+    let scalars = node_scalars(&mesh, "scalar");
+    let frame = LocalFrame::of_mesh(&mesh);
+    let array = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
+    let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &array, &scalars).unwrap();
+    let mut caster = Raycaster::new(&gpu, geometry, &peers_transfer()).unwrap();
+    let camera = peers_camera();
+    let draw = |caster: &mut Raycaster, walk: Walk| {
+        let options = RaycastOptions {
+            walk,
+            ..Default::default()
+        };
+        caster.set_options(options).unwrap();
+        caster.picture(&camera, [60; 2]).unwrap()
+    };
+    let first = draw(&mut caster, Walk::Vertices);
+    assert!(caster.geometry().records().is_none());
+    let made = gpu.bytes_made();
+    let planes = draw(&mut caster, Walk::Planes);
+    let records = 128 * mesh.tets.len() as u64;
+    assert!(caster.geometry().records().is_some() && gpu.bytes_made() - made >= records);
+    // Either walk draws the same as before, and the same as the other but for rounding.
+    assert_eq!(draw(&mut caster, Walk::Vertices), first);
+    assert_eq!(draw(&mut caster, Walk::Planes), planes);
+    let apart = Difference::between(&planes, &first).unwrap();
+    assert!(apart.within(0.5 / 255.0, 4.0 / 255.0), "{apart}");
+    // After a cut, what was drawn by planes before is drawn as if it had not been.
+    let blade = Blade::quad(
+        [[0.0, -0.1], [1.1, -0.1], [1.1, 1.1], [0.0, 1.1]]
+            .map(|[x, y]| DVec3::new(x, y, 0.5 + 0.2 * x)),
+    )
+    .unwrap();
+    let at = mesh.nodes.clone();
+    let done = cut(&mut mesh, &mut topology, &at, &blade).unwrap();
+    assert!(done.opened.len() > 20);
+    let mut moved = mesh.nodes.clone();
+    for [_, from] in &done.doubled {
+        moved[*from as usize].z += 0.03;
+    }
+    let positions = local_positions(&gpu, &frame, &moved).unwrap();
+    let mut scalars = scalars;
+    scalars.extend(
+        done.doubled
+            .iter()
+            .map(|[_, from]| scalars[*from as usize])
+            .collect::<Vec<_>>(),
+    );
+    caster
+        .geometry_mut()
+        .follow(&mesh, &topology, &done, &positions, &scalars)
+        .unwrap();
+    let fresh = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
+    let mut other = Raycaster::new(&gpu, fresh, &peers_transfer()).unwrap();
+    let cut_open = draw(&mut caster, Walk::Planes);
+    let apart = Difference::between(&cut_open, &draw(&mut other, Walk::Planes)).unwrap();
+    assert!(apart.within(0.1 / 255.0, 2.0 / 255.0), "{apart}");
+    assert!(
+        !Difference::between(&cut_open, &planes)
+            .unwrap()
+            .within(1.0 / 255.0, 6.0 / 255.0)
+    );
 }

@@ -230,3 +230,210 @@ fn light_costs_nothing_where_there_is_none() {
         .illuminate(&other, &Topology::new(&other), &scalars);
     assert!(refused.is_err());
 }
+
+/// The share of light at the nodes in float64, as the caster should have it.
+fn shares_of_light(lit: &Lit, light: Light, strength: f64, inside: &Inside) -> Vec<f64> {
+    let transfer = lit.caster.transfer();
+    let (given, cells) = values(lit.scalars);
+    let extinction = |t: usize, w: [f64; 4]| {
+        let nodes = lit.mesh.tets[t];
+        let s = match cells {
+            true => given[t],
+            false => (0..4).map(|k| w[k] * given[nodes[k] as usize]).sum(),
+        };
+        transfer.extinction(s)
+    };
+    let at = [&lit.positions[..], &lit.mesh.nodes[..], &lit.gradients[..]];
+    node_shadows(lit.mesh, at, light, strength, &extinction, inside)
+}
+
+#[test]
+fn shadows_are_those_of_the_float64_form() {
+    let gpu = gpu();
+    let duct = generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), generate::Bore::Round).unwrap();
+    let limb = generate::by_name("limb", Some(3_000)).unwrap();
+    let smooth = waves(&duct);
+    let regions = limb.field("label", Location::Cell).unwrap().values.clone();
+    let from = Light::From(DVec3::new(0.3, 1.0, -0.5));
+    for (name, mesh, scalars) in [
+        ("duct", &duct, Scalars::Nodes(&smooth)),
+        ("limb", &limb, Scalars::Cells(&regions)),
+    ] {
+        let (low, high) = mesh.bounds();
+        let plane = Plane::clip(0.5 * (low + high), DVec3::new(0.2, 1.0, 0.1)).resting();
+        let cut = Inside {
+            planes: vec![plane],
+            ..Inside::default()
+        };
+        for (walk, light, inside) in [
+            (Walk::Vertices, Light::Head, Inside::default()),
+            (Walk::Planes, from, Inside::default()),
+            (Walk::Vertices, from, cut),
+        ] {
+            let options = RaycastOptions {
+                walk,
+                light,
+                shadows: 0.8,
+                ..RaycastOptions::default()
+            };
+            let mut lit = Lit::new(&gpu, mesh, &bent(mesh), scalars, options);
+            lit.caster.geometry_mut().remember_rest(mesh).unwrap();
+            lit.caster.set_inside(&inside).unwrap();
+            let colours = vec![[0.0, 0.2, 0.4, 0.9], [1.0, 0.9, 0.6, 0.3]];
+            let dense = vec![[0.0, 5.0], [1.0, 60.0]];
+            let dense = TransferFunction::relative(colours, dense).unwrap();
+            lit.caster.set_transfer(&dense).unwrap();
+            let camera = Camera::framing(mesh);
+            let image = lit
+                .caster
+                .image(&camera, [64, 64], Mode::Composite)
+                .unwrap();
+            let array = lit.caster.lit_gradients().unwrap();
+            let found: Vec<[f32; 4]> = gpu.read_array(array).unwrap();
+            let off = |truth: &[f64]| {
+                let squares = found
+                    .iter()
+                    .zip(truth)
+                    .map(|(f, t)| (f64::from(f[3]) - t).powi(2));
+                (squares.sum::<f64>() / truth.len() as f64).sqrt()
+            };
+            let truth = shares_of_light(&lit, light, 0.8, &inside);
+            let spread = truth.iter().cloned().fold(1.0, f64::min);
+            // Points on the borders of cells may count to either.
+            let rms = off(&truth);
+            println!("{name} {walk:?} {light:?}: {rms:.5}, darkest {spread:.2}");
+            assert!(
+                rms < 2e-3 && spread < 0.6,
+                "{name} {walk:?}: {rms} {spread}"
+            );
+            // Another light, and a body that dims half as much, are told apart.
+            let other = shares_of_light(&lit, Light::From(DVec3::Z), 0.8, &inside);
+            assert!(off(&other) > 0.02, "{name} {walk:?}");
+            assert!(off(&shares_of_light(&lit, light, 0.4, &inside)) > 0.02);
+            if !inside.is_plain() {
+                continue;
+            }
+            let (given, cells) = values(lit.scalars);
+            let rays = match cells {
+                true => RayReference::of_cells(mesh, &lit.positions, given),
+                false => RayReference::new(mesh, &lit.positions, given),
+            };
+            let transfer = lit.caster.transfer();
+            let picture = |shares: &[f64]| {
+                rays.picture(&camera, [64, 64], |rays, ray| {
+                    rays.composite_lit(ray, &transfer, |tet, p, way| {
+                        let weights = rays.weights_in(tet, p);
+                        let nodes = mesh.tets[tet as usize].map(|v| v as usize);
+                        let gradient = (0..4).map(|k| weights[k] * lit.gradients[nodes[k]]).sum();
+                        let share: f64 = (0..4).map(|k| weights[k] * shares[nodes[k]]).sum();
+                        shade(light, gradient, way).map(|x| share * x)
+                    })
+                })
+            };
+            let (rms, worst) = difference(&image, &picture(&truth));
+            println!("{name} {walk:?} {light:?}: rms {rms:.3} worst {worst:.3}");
+            assert!(rms < 0.5 && worst < 3.0, "{name} {walk:?}: {rms} {worst}");
+            let (open, _) = difference(&image, &picture(&vec![1.0; truth.len()]));
+            assert!(open > 0.5 && open > 10.0 * rms, "{name} {walk:?}: {open}");
+        }
+    }
+}
+
+#[test]
+fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
+    // Of its own: it counts passes.
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::by_name("box", Some(2_000)).unwrap();
+    let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.z).collect();
+    let options = RaycastOptions {
+        light: Light::From(DVec3::X),
+        shadows: 1.0,
+        ..RaycastOptions::default()
+    };
+    let mut lit = Lit::new(&gpu, &mesh, &mesh.nodes, Scalars::Nodes(&scalars), options);
+    let mut camera = Camera::framing(&mesh);
+    let made = || {
+        gpu.passes_recorded()
+            .get("render/shadow_march")
+            .copied()
+            .unwrap_or(0)
+    };
+    let before = made();
+    let shares = |lit: &Lit| -> Vec<f32> {
+        let found: Vec<[f32; 4]> = gpu.read_array(lit.caster.lit_gradients().unwrap()).unwrap();
+        found.iter().map(|f| f[3]).collect()
+    };
+    lit.caster
+        .image(&camera, [16, 16], Mode::Composite)
+        .unwrap();
+    let first = shares(&lit);
+    camera.eye += DVec3::Z;
+    lit.caster
+        .image(&camera, [16, 16], Mode::Composite)
+        .unwrap();
+    lit.caster
+        .image(&camera, [16, 16], Mode::Thickness)
+        .unwrap();
+    assert_eq!(made() - before, 1);
+    // Moved as a whole, the same nodes are in the same light.
+    let frame = LocalFrame::of_mesh(&mesh);
+    let places = lit.caster.geometry().positions().clone();
+    let put = |at: &dyn Fn(DVec3) -> DVec3| {
+        let local: Vec<[f32; 4]> = mesh
+            .nodes
+            .iter()
+            .map(|p| frame.to_local(at(*p)).extend(1.0).to_array())
+            .collect();
+        gpu.write_array(&places, &local).unwrap();
+    };
+    put(&|p| p + DVec3::new(0.7, -3.0, 0.2));
+    lit.caster
+        .image(&camera, [16, 16], Mode::Composite)
+        .unwrap();
+    assert_eq!(made() - before, 2);
+    let most = |a: &[f32], b: &[f32]| {
+        let off = a.iter().zip(b).map(|(a, b)| (a - b).abs());
+        off.fold(0.0, f32::max)
+    };
+    let moved = most(&first, &shares(&lit));
+    assert!(moved < 0.1, "{moved}");
+    put(&|p| DVec3::new(-p.x, -p.y, p.z));
+    lit.caster
+        .image(&camera, [16, 16], Mode::Composite)
+        .unwrap();
+    assert!(most(&first, &shares(&lit)) > 0.5);
+}
+
+#[test]
+fn shadows_are_those_of_the_scalars_that_are_shown_now() {
+    let gpu = gpu();
+    let mesh = generate::by_name("box", Some(2_000)).unwrap();
+    let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.z).collect();
+    let options = RaycastOptions {
+        light: Light::Head,
+        shadows: 1.0,
+        ..RaycastOptions::default()
+    };
+    let mut lit = Lit::new(&gpu, &mesh, &mesh.nodes, Scalars::Nodes(&scalars), options);
+    let camera = Camera::framing(&mesh);
+    let shown = |lit: &mut Lit| -> Vec<[f32; 4]> {
+        lit.caster.refresh_range().unwrap();
+        lit.caster
+            .image(&camera, [16, 16], Mode::Composite)
+            .unwrap();
+        gpu.read_array(lit.caster.lit_gradients().unwrap()).unwrap()
+    };
+    let first = shown(&mut lit);
+    let range = lit.caster.geometry().scalar_range();
+    let other: Vec<f64> = mesh.nodes.iter().map(|p| range.1 - p.z).collect();
+    lit.caster
+        .geometry_mut()
+        .set_scalars(&mesh, &other, range)
+        .unwrap();
+    assert_ne!(first, shown(&mut lit));
+    lit.caster
+        .geometry_mut()
+        .set_scalars(&mesh, &scalars, range)
+        .unwrap();
+    assert_eq!(first, shown(&mut lit));
+}

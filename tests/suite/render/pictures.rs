@@ -10,14 +10,19 @@ fn the_benchmark_cube_by_both_walks_and_tables() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(12, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
-    for (walk, table) in [
-        (Walk::Vertices, TableForm::Sliced),
-        (Walk::Planes, TableForm::Sliced),
-        (Walk::Vertices, TableForm::Volume),
+    for (walk, table, reads) in [
+        (Walk::Vertices, TableForm::Integrals, Reads::Stored),
+        (Walk::Vertices, TableForm::Integrals, Reads::Sampled),
+        (Walk::Planes, TableForm::Integrals, Reads::Stored),
+        (Walk::Planes, TableForm::Integrals, Reads::Sampled),
+        (Walk::Vertices, TableForm::Sliced, Reads::Stored),
+        (Walk::Planes, TableForm::Sliced, Reads::Sampled),
+        (Walk::Vertices, TableForm::Volume, Reads::Sampled),
     ] {
         let options = RaycastOptions {
             walk,
             table,
+            reads,
             ..Default::default()
         };
         let mut scene = Scene::new(
@@ -29,11 +34,11 @@ fn the_benchmark_cube_by_both_walks_and_tables() {
             options,
         );
         let (image, rms, worst) = scene.compare(&peers_camera(), [160, 120]);
-        println!("{walk:?} {table:?}: rms {rms:.3} worst {worst:.3}");
-        keep(&image, &format!("cube-{walk:?}-{table:?}.png"));
+        println!("{walk:?} {table:?} {reads:?}: rms {rms:.3} worst {worst:.3}");
+        keep(&image, &format!("cube-{walk:?}-{table:?}-{reads:?}.png"));
         assert!(
             rms < 0.5 && worst < 2.0,
-            "{walk:?} {table:?}: {rms} {worst}"
+            "{walk:?} {table:?} {reads:?}: {rms} {worst}"
         );
     }
 }

@@ -10,17 +10,25 @@ use palpate::scene::{Scene, Stage};
 const SIZE: [u32; 2] = [64, 64];
 
 /// A mesh somewhere, seen with light.
-struct Seen<'a> {
+pub struct Seen<'a> {
     mesh: &'a TetMesh,
-    scalars: Vec<f64>,
+    pub scalars: Vec<f64>,
     gradients: Vec<DVec3>,
-    caster: Raycaster,
+    pub caster: Raycaster,
     rays: RayReference,
     light: Light,
+    /// Of regions, where they have any of their own.
+    looks: Option<RegionLooks>,
 }
 
 impl<'a> Seen<'a> {
-    fn new(gpu: &Gpu, mesh: &'a TetMesh, positions: &[DVec3], walk: Walk, light: Light) -> Self {
+    pub fn new(
+        gpu: &Gpu,
+        mesh: &'a TetMesh,
+        positions: &[DVec3],
+        walk: Walk,
+        light: Light,
+    ) -> Self {
         let scalars = waves(mesh);
         let frame = LocalFrame::of_mesh(mesh);
         let array = local_positions(gpu, &frame, positions).unwrap();
@@ -46,7 +54,13 @@ impl<'a> Seen<'a> {
             rays: RayReference::new(mesh, positions, &scalars),
             scalars,
             light,
+            looks: None,
         }
+    }
+
+    pub fn look(&mut self, looks: RegionLooks) {
+        self.caster.set_regions(Some(&looks)).unwrap();
+        self.looks = Some(looks);
     }
 
     /// Of the nodes of a tet, by weights.
@@ -56,8 +70,17 @@ impl<'a> Seen<'a> {
         parts.map(|(v, w)| w * of[*v as usize]).sum()
     }
 
-    fn truth(&self, camera: &Camera, inside: &Inside) -> Vec<[f64; 4]> {
-        let transfer = self.caster.transfer();
+    pub fn truth(&self, camera: &Camera, inside: &Inside) -> Vec<[f64; 4]> {
+        let own = self.caster.transfer();
+        let geometry = self.caster.geometry();
+        let (range, scale) = (geometry.scalar_range(), geometry.frame().scale);
+        let looks = self.looks.clone().unwrap_or_default();
+        let of_regions = looks.transfers.iter().map(|t| t.resolved(range, scale));
+        let of_regions: Vec<ResolvedTransfer> = of_regions.collect();
+        let transfer = |tet: u32| match looks.of_tets.get(tet as usize) {
+            None => Some(&own),
+            Some(look) => look.map(|row| &of_regions[row as usize]),
+        };
         self.rays.picture(camera, SIZE, |rays, ray| {
             let rest = |tet: u32, w: [f64; 4]| self.mix(&self.mesh.nodes, tet, w);
             let gradient =
@@ -75,7 +98,7 @@ impl<'a> Seen<'a> {
 
     /// Share of pixels that are off by more than 4/255, and the root mean square of the others in
     /// 255ths. An edge of a surface may pass a pixel on either side.
-    fn compare(&mut self, camera: &Camera, inside: &Inside) -> (f64, f64, Image) {
+    pub fn compare(&mut self, camera: &Camera, inside: &Inside) -> (f64, f64, Image) {
         self.caster.set_inside(inside).unwrap();
         let image = self.caster.image(camera, SIZE, Mode::Composite).unwrap();
         let truth = self.truth(camera, inside);
@@ -93,7 +116,7 @@ impl<'a> Seen<'a> {
     }
 }
 
-fn bent(mesh: &TetMesh) -> Vec<DVec3> {
+pub fn bent(mesh: &TetMesh) -> Vec<DVec3> {
     let (low, high) = mesh.bounds();
     let size = (high - low).max_element();
     let bend = |p: &DVec3| {
@@ -104,7 +127,7 @@ fn bent(mesh: &TetMesh) -> Vec<DVec3> {
 }
 
 /// What is tried of a body: planes alone, surfaces alone, and all of it.
-fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Inside)> {
+pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Inside)> {
     let (low, high) = mesh.bounds();
     let (middle, size) = (0.5 * (low + high), high - low);
     let off = |x: f64, y: f64, z: f64| middle + size * DVec3::new(x, y, z);

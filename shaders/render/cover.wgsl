@@ -1,0 +1,65 @@
+// The triangles that cover those boundary faces that may be seen, one behind the other in the order
+// of the faces: once a picture, for all of its layers, and by as many threads as there are.
+//
+// Two passes over the same bindings, with gpu/scan_marks between: which, then where.
+
+#import lib/array
+#import lib/view
+#import lib/tet
+#import lib/sight
+
+// 0: a bit for each face that is drawn, 32 an invocation. 1: their corners.
+override STAGE: u32 = 0u;
+
+@group(0) @binding(0) var projected: texture_2d<f32>;
+@group(0) @binding(1) var boundary: texture_2d<u32>;
+// For every 32 faces: which are drawn, and how many before them.
+@group(0) @binding(2) var<storage, read_write> marks: array<u32>;
+// Three a face: the bits of x and y in clip space of w 1, and the face's number.
+@group(0) @binding(3) var covers: texture_storage_2d<rgba32uint, write>;
+@group(0) @binding(4) var<uniform> params: View;
+
+fn projected_at(i: u32) -> vec4<f32> {
+    return textureLoad(projected, at(i), 0);
+}
+
+fn boundary_at(i: u32) -> vec4<u32> {
+    return textureLoad(boundary, at(i), 0);
+}
+
+#import lib/face
+
+// Whether some of it is in the picture.
+fn in_picture(face: Face) -> bool {
+    let low = min(face.corners[0], min(face.corners[1], face.corners[2]));
+    let high = max(face.corners[0], max(face.corners[1], face.corners[2]));
+    return all(low <= vec2(1.0)) && all(high >= vec2(-1.0));
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let faces = params.corners / 3u;
+    let run = item(id, groups);
+    if 32u * run >= faces {
+        return;
+    }
+    if STAGE == 0u {
+        var mask = 0u;
+        for (var k = 0u; k < min(32u, faces - 32u * run); k++) {
+            mask |= u32(in_picture(face_of(32u * run + k))) << k;
+        }
+        marks[2u * run] = mask;
+        return;
+    }
+    var mask = marks[2u * run];
+    var place = 3u * marks[2u * run + 1u];
+    while mask != 0u {
+        let i = 32u * run + countTrailingZeros(mask);
+        let face = face_of(i);
+        for (var k = 0u; k < 3u; k++) {
+            textureStore(covers, at(place + k), vec4(bitcast<vec2<u32>>(face.corners[k]), i, 0u));
+        }
+        place += 3u;
+        mask &= mask - 1u;
+    }
+}

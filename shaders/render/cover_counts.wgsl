@@ -1,0 +1,28 @@
+// How many vertices the layers draw: those of the faces that are covered.
+
+#import lib/array
+
+struct CoverCounts {
+    records: u32,
+}
+
+// A draw of them, whose first word is their number.
+@group(0) @binding(0) var<storage, read> covered: array<u32, 4>;
+// Draw arguments of even and of odd layers, 8 words a layer; the search behind it comes first.
+@group(0) @binding(1) var<storage, read_write> even: array<u32>;
+@group(0) @binding(2) var<storage, read_write> odd: array<u32>;
+@group(0) @binding(3) var<uniform> params: CoverCounts;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.records {
+        return;
+    }
+    if 8u * i < arrayLength(&even) {
+        even[8u * i] = covered[0];
+    }
+    if 8u * i < arrayLength(&odd) {
+        odd[8u * i] = covered[0];
+    }
+}

@@ -1,0 +1,37 @@
+// The bounds of a body as it stands, for the grid that dims light.
+
+#import lib/array
+#import lib/shadow_grid
+
+struct Bounds {
+    nodes: u32,
+}
+
+// Nodes farther than this from the local origin are lost.
+const FAR: f32 = 1e6;
+
+@group(0) @binding(0) var positions: texture_2d<f32>;
+@group(0) @binding(1) var<storage, read_write> grid: array<atomic<u32>>;
+@group(0) @binding(2) var<uniform> params: Bounds;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = item(id, groups);
+    if i >= params.nodes {
+        return;
+    }
+    let p = textureLoad(positions, at(i), 0).xyz;
+    if !all(abs(p) < vec3(FAR)) {
+        return;
+    }
+    for (var k = 0u; k < 3u; k++) {
+        let x = ordered(p[k]);
+        // Nearly all nodes are within what others have told already.
+        if x < atomicLoad(&grid[k]) {
+            atomicMin(&grid[k], x);
+        }
+        if x > atomicLoad(&grid[3u + k]) {
+            atomicMax(&grid[3u + k], x);
+        }
+    }
+}

@@ -1,0 +1,43 @@
+// What walks read at each step, loaded from sampled textures: what real GPUs cache.
+#term reads
+
+#for render/walk_vertices
+@group(0) @binding(next) var projected: texture_2d<f32>;
+// Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
+// exclusive or of its nodes.
+@group(0) @binding(next) var links: texture_2d<u32>;
+
+fn projected_at(i: u32) -> vec4<f32> {
+    return textureLoad(projected, at(i), 0);
+}
+
+fn link_at(i: u32) -> vec2<u32> {
+    return textureLoad(links, at(i), 0).xy;
+}
+
+#for render/walk_planes
+// Eight texels a tet; see refresh_geometry.wgsl.
+@group(0) @binding(next) var records: texture_2d<u32>;
+
+fn record_at(i: u32) -> vec4<u32> {
+    return textureLoad(records, at(i), 0);
+}
+
+#for render/start
+@group(0) @binding(next) var projected: texture_2d<f32>;
+// Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face; sorted by that.
+@group(0) @binding(next) var boundary: texture_2d<u32>;
+// Corners of the triangles that cover faces; see cover.wgsl.
+@group(0) @binding(next) var covers: texture_2d<u32>;
+
+fn projected_at(i: u32) -> vec4<f32> {
+    return textureLoad(projected, at(i), 0);
+}
+
+fn boundary_at(i: u32) -> vec4<u32> {
+    return textureLoad(boundary, at(i), 0);
+}
+
+fn cover_at(i: u32) -> vec4<u32> {
+    return textureLoad(covers, at(i), 0);
+}

@@ -1,0 +1,43 @@
+// What walks read at each step, read from storage textures: half of the instructions on a software driver, which knows no levels of them.
+#term reads
+
+#for render/walk_vertices
+@group(0) @binding(next) var projected: texture_storage_2d<rgba32float, read>;
+// Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
+// exclusive or of its nodes.
+@group(0) @binding(next) var links: texture_storage_2d<rg32uint, read>;
+
+fn projected_at(i: u32) -> vec4<f32> {
+    return textureLoad(projected, at(i));
+}
+
+fn link_at(i: u32) -> vec2<u32> {
+    return textureLoad(links, at(i)).xy;
+}
+
+#for render/walk_planes
+// Eight texels a tet; see refresh_geometry.wgsl.
+@group(0) @binding(next) var records: texture_storage_2d<rgba32uint, read>;
+
+fn record_at(i: u32) -> vec4<u32> {
+    return textureLoad(records, at(i));
+}
+
+#for render/start
+@group(0) @binding(next) var projected: texture_storage_2d<rgba32float, read>;
+// Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face; sorted by that.
+@group(0) @binding(next) var boundary: texture_storage_2d<rgba32uint, read>;
+// Corners of the triangles that cover faces; see cover.wgsl.
+@group(0) @binding(next) var covers: texture_storage_2d<rgba32uint, read>;
+
+fn projected_at(i: u32) -> vec4<f32> {
+    return textureLoad(projected, at(i));
+}
+
+fn boundary_at(i: u32) -> vec4<u32> {
+    return textureLoad(boundary, at(i));
+}
+
+fn cover_at(i: u32) -> vec4<u32> {
+    return textureLoad(covers, at(i));
+}

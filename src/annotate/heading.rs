@@ -1,0 +1,38 @@
+//! The title of a picture and the time that it shows.
+
+use super::canvas::{Anchor, CAPITALS, Canvas};
+use super::numbers;
+
+/// Letters of the title, of ordinary ones.
+const LARGER: f32 = 1.35;
+
+/// The time of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameTime {
+    /// The time, in seconds.
+    pub seconds: f64,
+    /// From one frame to the next, in seconds: it is written in as many decimals as that needs.
+    /// 0 where it is not known.
+    pub resolution: f64,
+}
+
+/// Draws a title and returns where the picture begins below it.
+pub(super) fn title(canvas: &mut Canvas, text: &str) -> f32 {
+    let margin = canvas.margin();
+    let room = canvas.size()[0] - 2.0 * margin;
+    let em = LARGER * canvas.em;
+    let em = em * (room / canvas.text_width(text, em)).clamp(0.5, 1.0);
+    let text = canvas.shortened(text, em, room);
+    let at = [0.5 * canvas.size()[0], margin + CAPITALS * em];
+    let ink = canvas.ink;
+    canvas.text(&text, at, Anchor::Middle, em, ink);
+    at[1] + margin
+}
+
+/// Draws the time, its top at `top`.
+pub(super) fn time(canvas: &mut Canvas, time: &FrameTime, top: f32) {
+    let text = numbers::time(time.seconds, time.resolution);
+    let at = [canvas.margin(), top + CAPITALS * canvas.em];
+    let (em, ink) = (canvas.em, canvas.ink);
+    canvas.text(&text, at, Anchor::Start, em, ink);
+}

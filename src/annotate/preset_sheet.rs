@@ -1,0 +1,90 @@
+//! All presets of transfer functions on one sheet.
+
+use super::canvas::{Anchor, CAPITALS, Canvas};
+use super::legend::{BarColours, ColourBar};
+use crate::Result;
+use crate::render::{Background, Image, TransferFunction};
+
+/// Size of letters, and of a preset's place on the sheet, in pixels.
+const LETTERS: f32 = 15.0;
+const PLACE: [u32; 2] = [400, 44];
+const COLUMNS: u32 = 3;
+const MARGIN: u32 = 16;
+/// Where the bar of a preset begins, its width, and the heights of bar and strip.
+const BEGIN: u32 = 96;
+const WIDTH: u32 = 280;
+const BAR: u32 = 16;
+const STRIP: u32 = 12;
+/// The strip is as opaque as so much of the extent of a body.
+const WAY: f64 = 0.1;
+
+/// A sheet of all presets ([`TransferFunction::preset_names`]) on white: of each its name, the
+/// colours from the smallest scalar to the largest, and below them as opaque as a tenth of the
+/// extent of a body is, before squares of grey.
+///
+/// # Errors
+/// None that a caller can bring about: the font and the presets are part of the library.
+pub fn preset_sheet() -> Result<Image> {
+    let names = TransferFunction::preset_names();
+    let rows = (names.len() as u32).div_ceil(COLUMNS);
+    let size = [
+        COLUMNS * PLACE[0] + 2 * MARGIN,
+        rows * PLACE[1] + 2 * MARGIN,
+    ];
+    let mut canvas = Canvas::with_letters(size, Background::White, LETTERS)?;
+    let ink = canvas.ink;
+    for (i, name) in names.iter().enumerate() {
+        let [column, row] = [i as u32 / rows, i as u32 % rows];
+        let (left, top) = (MARGIN + column * PLACE[0], MARGIN + row * PLACE[1]);
+        let middle = top as f32 + 0.5 * ((BAR + STRIP) as f32 + CAPITALS * LETTERS);
+        let end = [(left + BEGIN - 8) as f32, middle];
+        canvas.text(name, end, Anchor::End, LETTERS, ink);
+        let transfer = TransferFunction::preset(name)?.resolved((0.0, 1.0), 1.0);
+        let bar = ColourBar {
+            name: String::new(),
+            unit: String::new(),
+            range: (0.0, 1.0),
+            colours: BarColours::Transfer {
+                transfer,
+                way: Some(WAY),
+            },
+        };
+        let corner = [left + BEGIN, top];
+        bar.fill(&mut canvas, corner, WIDTH, [BAR, STRIP], true);
+    }
+    let pixels = size[0] as usize * size[1] as usize;
+    let mut sheet = Image {
+        size,
+        channels: 4,
+        values: vec![1.0; 4 * pixels],
+    };
+    canvas.put_over(&mut sheet);
+    Ok(sheet)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn the_sheet_shows_the_colours_of_each_preset() {
+        let sheet = preset_sheet().unwrap();
+        let names = TransferFunction::preset_names();
+        let rows = (names.len() as u32).div_ceil(COLUMNS);
+        for (i, name) in names.iter().enumerate() {
+            let [column, row] = [i as u32 / rows, i as u32 % rows];
+            let x = MARGIN + column * PLACE[0] + BEGIN;
+            let y = MARGIN + row * PLACE[1] + BAR / 2;
+            let transfer = TransferFunction::preset(name).unwrap();
+            let transfer = transfer.resolved((0.0, 1.0), 1.0);
+            for across in [0, 100, WIDTH - 1] {
+                let scalar = (f64::from(across) + 0.5) / f64::from(WIDTH);
+                let seen = sheet.pixel(x + across, y);
+                for (seen, colour) in seen.iter().zip(transfer.colour(scalar)) {
+                    assert!((f64::from(*seen) - colour).abs() < 1.5 / 255.0, "{name}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! `palpate press`: a fingertip presses on a body and lets go.
+
+use super::flags::{SceneFlags, Triple, triple};
+use super::{Outcome, progress};
+use clap::Args;
+use glam::{DVec2, DVec3};
+use palpate::gpu::Gpu;
+use palpate::io::{PvdSeries, atomic_write};
+use palpate::press::{Press, PressReport, Sample, Wanted};
+use palpate::render::{Background, Film};
+use palpate::{Error, Result};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Frames of the film a second.
+const FPS: f64 = 12.0;
+
+/// Arguments of `press`.
+#[derive(Args)]
+pub struct PressArguments {
+    /// A mesh file or a scene (.toml) of one body
+    input: PathBuf,
+    /// Folder for rest.png, pressed.png, press.gif, press.csv, press.json, press.svg and press.pvd
+    #[arg(long, short)]
+    out: PathBuf,
+    /// Press on the boundary nearest to x,y,z, in the mesh's units [default: on what the middle of
+    /// the picture shows]
+    #[arg(long, value_parser = triple, allow_hyphen_values = true, conflicts_with = "pick")]
+    at: Option<Triple>,
+    /// Press on what is seen of the whole boundary at a point X,Y of the picture, in pixels from its
+    /// upper left
+    #[arg(long, value_name = "X,Y", value_parser = pixel)]
+    pick: Option<Pixel>,
+    /// Radius of the fingertip, in the mesh's units [default: a quarter of the thickness
+    /// there, at most a 20th of the body's diagonal, at least one and a half of the mesh's edges]
+    #[arg(long)]
+    radius: Option<f64>,
+    /// How far it goes in, in the mesh's units [default: a tenth of the thickness there]
+    #[arg(long, conflicts_with = "force")]
+    depth: Option<f64>,
+    /// Go in until the body resists with so many newtons, at most half of the thickness
+    #[arg(long, value_name = "NEWTON")]
+    force: Option<f64>,
+    #[command(flatten)]
+    scene: SceneFlags,
+}
+
+/// Two numbers with a comma between.
+#[derive(Clone, Copy, Debug)]
+struct Pixel(DVec2);
+
+fn pixel(text: &str) -> std::result::Result<Pixel, String> {
+    let wrong = || format!("\"{text}\" is no point of a picture; X,Y in pixels is expected");
+    let (x, y) = text.split_once(',').ok_or_else(wrong)?;
+    let number = |t: &str| t.trim().parse::<f64>().ok().filter(|n| n.is_finite());
+    match (number(x), number(y)) {
+        (Some(x), Some(y)) => Ok(Pixel(DVec2::new(x, y))),
+        _ => Err(wrong()),
+    }
+}
+
+/// Presses, draws, and writes what was measured.
+pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
+    let out = &arguments.out;
+    let scene = arguments.scene.scene(&arguments.input)?;
+    std::fs::create_dir_all(out).map_err(Error::io(out))?;
+    let wanted = Wanted {
+        at: arguments.at.map(|t| DVec3::from(t.0)),
+        pick: arguments.pick.map(|p| p.0),
+        radius: arguments.radius,
+        depth: arguments.depth,
+        force: arguments.force,
+    };
+    let mut press = progress::during("preparing", || Press::new(gpu, &scene, &wanted))?;
+    super::tell(press.notes());
+    let spot = *press.spot();
+    super::tell(&[format!(
+        "pressing at {:.4}, {:.4}, {:.4}, where the body is {:.4} thick, with a fingertip of radius {:.4}",
+        spot.point.x,
+        spot.point.y,
+        spot.point.z,
+        spot.thickness,
+        press.radius()
+    )]);
+    press.stage().save(out.join("rest.png"))?;
+    press.cut_through()?;
+    // That of an earlier press would be taken for this one's.
+    match std::fs::remove_file(out.join("pressed.png")) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(out)(e).into()),
+        _ => {}
+    }
+    let mut series = PvdSeries::create(out, "press")?;
+    let mut film = Film::create(out.join("press.gif"), press.stage().size(), FPS)?;
+    let mut seconds = 0.0;
+    press.stage().push(&mut series)?;
+    film.push(&press.stage().image()?, Background::Black)?;
+    let steps = u64::from(press.steps());
+    let ended = progress::over("pressing", steps, |bar| -> Result<Option<Error>> {
+        loop {
+            let start = Instant::now();
+            let sample = match press.advance() {
+                Ok(sample) => sample,
+                // What was measured until then is kept.
+                Err(why) => return Ok(Some(why)),
+            };
+            seconds += start.elapsed().as_secs_f64();
+            let Some(sample) = sample else {
+                return Ok(None);
+            };
+            press.stage().push(&mut series)?;
+            film.push(&press.stage().image()?, Background::Black)?;
+            if press.is_deepest() {
+                press.stage().save(out.join("pressed.png"))?;
+            }
+            bar.detail(format!("{:.3} N", sample.force_n));
+            bar.inc(1);
+        }
+    })?;
+    film.finish()?;
+    let report = press.report(seconds);
+    write_samples(&out.join("press.csv"), press.samples())?;
+    atomic_write(out.join("press.json"), |file| {
+        let text = serde_json::to_string_pretty(&report);
+        let text = text.map_err(|e| Error::Input(format!("press.json: {e}")))?;
+        writeln!(file, "{text}").map_err(Error::io(out))
+    })?;
+    draw_chart(out, press.samples(), &report)?;
+    if let Some(why) = ended {
+        anyhow::bail!(
+            "the press ended {:.3} mm deep: {why}; what was measured until then is in {}",
+            1e3 * report.max_depth_m,
+            out.display()
+        );
+    }
+    if press.falls_short() {
+        super::tell(&[
+            "the force was not reached at half of the thickness, where the fingertip turned back"
+                .into(),
+        ]);
+    }
+    super::tell(&[
+        format!(
+            "{:.4} N at {:.3} mm; stiffness {:.4} N/m; as a half space of {:.4e} Pa would by Hertz; {seconds:.1} s",
+            report.max_force_n,
+            1e3 * report.max_depth_m,
+            report.stiffness_n_per_m,
+            report.hertz_young_pa
+        ),
+        format!(
+            "{0}/rest.png, {0}/pressed.png, {0}/press.gif, {0}/press.csv, {0}/press.svg, {0}/press.json, and {0}/press.pvd for ParaView",
+            out.display()
+        ),
+    ]);
+    Ok(Outcome::Done)
+}
+
+fn write_samples(path: &Path, samples: &[Sample]) -> Result<()> {
+    atomic_write(path, |file| {
+        let mut text = String::from("time_s,phase,depth_m,force_n\n");
+        for s in samples {
+            text += &format!("{},{},{},{}\n", s.time_s, s.phase, s.depth_m, s.force_n);
+        }
+        file.write_all(text.as_bytes()).map_err(Error::io(path))
+    })
+}
+
+/// Force against depth, and what Hertz would have.
+#[cfg(feature = "study")]
+fn draw_chart(out: &Path, samples: &[Sample], report: &PressReport) -> Result<()> {
+    use palpate::study::{Axis, Chart, Look, Series};
+    let of = |phase: &str| {
+        let own = samples.iter().filter(|s| s.phase == phase);
+        let points = own.map(|s| [1e3 * s.depth_m, s.force_n]);
+        points.collect::<Vec<_>>()
+    };
+    let over = 1.0 - report.poisson * report.poisson;
+    let hertz = |k: u32| {
+        let depth = report.max_depth_m * f64::from(k) / 40.0;
+        let force =
+            4.0 / 3.0 * report.hertz_young_pa / over * report.radius_m.sqrt() * depth.powf(1.5);
+        [1e3 * depth, force]
+    };
+    let chart = Chart {
+        title: "Force against depth".into(),
+        x: Axis::linear("depth, mm"),
+        y: Axis::linear("force, N"),
+        series: vec![
+            Series::new("going in", Look::LineMarks, of("load")),
+            Series::new("letting go", Look::LineMarks, of("unload")),
+            Series::new(
+                format!("Hertz, {:.3e} Pa", report.hertz_young_pa),
+                Look::Dashed,
+                (0..=40).map(hertz).collect(),
+            ),
+        ],
+    };
+    chart.save(out, "press")
+}
+
+/// Charts are of the feature `study`.
+#[cfg(not(feature = "study"))]
+fn draw_chart(_: &Path, _: &[Sample], _: &PressReport) -> Result<()> {
+    Ok(())
+}

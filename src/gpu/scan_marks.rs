@@ -1,0 +1,9 @@
+//! `shaders/gpu/scan_marks.wgsl`: what is marked to be drawn, counted in order.
+
+crate::gpu_struct! {
+    /// Its parameters.
+    pub(crate) struct ScanMarks {
+        /// Words of marks: 32 things each.
+        pub runs: u32,
+    }
+}

@@ -1,0 +1,73 @@
+//! Items grouped by a number that each of them has: a counting sort.
+
+use crate::parallel;
+
+/// The `items`, each given with the number of its group, group after group and in the order given
+/// within each; and where in that list each of the `groups` begins, their end last.
+///
+/// The items are gone through twice. There are fewer than 2³² of them.
+pub(crate) fn grouped<T: Copy + Default>(
+    groups: usize,
+    items: impl Iterator<Item = (u32, T)> + Clone,
+) -> (Vec<u32>, Vec<T>) {
+    // Two further on, the counts become the beginnings of the groups before and then, as these
+    // fill up, their ends.
+    let mut firsts = vec![0u32; groups + 2];
+    for (group, _) in items.clone() {
+        firsts[group as usize + 2] += 1;
+    }
+    for group in 2..groups + 2 {
+        firsts[group] += firsts[group - 1];
+    }
+    let mut all = vec![T::default(); firsts[groups + 1] as usize];
+    for (group, item) in items {
+        let next = &mut firsts[group as usize + 1];
+        all[*next as usize] = item;
+        *next += 1;
+    }
+    firsts.truncate(groups + 1);
+    (firsts, all)
+}
+
+/// What `tell` pushes of each group of `items`, as [`grouped`] takes them, the group being sorted.
+pub(crate) fn of_groups<T: Copy + Default + Ord + Sync, B: Send>(
+    groups: usize,
+    items: impl Iterator<Item = (u32, T)> + Clone,
+    tell: impl Fn(&[T], &mut Vec<B>) + Sync,
+) -> Vec<B> {
+    let (firsts, items) = grouped(groups, items);
+    parallel::collect(groups, |range, told| {
+        let mut own = Vec::new();
+        for group in range {
+            own.clear();
+            own.extend_from_slice(&items[firsts[group] as usize..firsts[group + 1] as usize]);
+            own.sort_unstable();
+            tell(&own, told);
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn items_stand_by_group_in_their_order() {
+        let items = [(2, 'a'), (0, 'b'), (2, 'c'), (4, 'd'), (0, 'e')];
+        let (firsts, all) = grouped(6, items.into_iter());
+        assert_eq!(firsts, [0, 2, 2, 4, 4, 5, 5]);
+        assert_eq!(all, ['b', 'e', 'a', 'c', 'd']);
+        assert_eq!(grouped::<u8>(0, [].into_iter()), (vec![0], vec![]));
+    }
+
+    #[test]
+    fn groups_are_told_sorted_in_their_order() {
+        let items = (0..10_000u32).rev().map(|i| (i % 700, i / 700));
+        let most = of_groups(701, items, |own, most: &mut Vec<u32>| {
+            assert!(own.is_sorted());
+            most.extend(own.last());
+        });
+        let expected: Vec<u32> = (0..700).map(|g| (9_999 - g) / 700).collect();
+        assert_eq!(most, expected);
+    }
+}

@@ -1,0 +1,239 @@
+//! The signed distance of any closed surface, on a grid made once.
+
+use super::Touch;
+use crate::Result;
+use crate::mesh::TriMesh;
+use crate::mesher::ClosedSurface;
+use crate::parallel;
+use glam::{DMat3, DVec3};
+
+/// Points of the grid along the longest edge of the surface's bounds.
+const POINTS: f64 = 64.0;
+
+/// Points around these bounds.
+const AROUND: f64 = 4.0;
+
+/// Signed distances on a grid, between which quadratic B-splines run: with a gradient that is
+/// continuous. Edges and corners are rounded by about a spacing, the 64th part of the longest
+/// extent.
+#[derive(Clone, Debug)]
+pub struct DistanceField {
+    /// The first point.
+    low: DVec3,
+    spacing: f64,
+    counts: [usize; 3],
+    values: std::sync::Arc<Vec<f64>>,
+    /// What one of these values is.
+    unit: f64,
+    size: f64,
+    radius: f64,
+}
+
+impl DistanceField {
+    /// Of `surface`, in its own coordinates.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`](crate::Error::Mesh) for a surface that has no inside.
+    pub fn new(surface: &TriMesh) -> Result<DistanceField> {
+        let closed = ClosedSurface::new(surface)?;
+        let (low, high) = closed.bounds();
+        let spacing = (high - low).max_element() / POINTS;
+        let low = low - AROUND * spacing;
+        let counts = ((high - low) / spacing + AROUND).ceil();
+        let counts = counts.to_array().map(|n| n as usize + 1);
+        let [nx, ny, nz] = counts;
+        let values = parallel::map(nx * ny * nz, |i| {
+            let at = [i % nx, i / nx % ny, i / (nx * ny)].map(|k| k as f64);
+            -closed.signed_distance(low + spacing * DVec3::from(at))
+        });
+        let deepest = values.iter().fold(0.0f64, |a, b| a.min(*b));
+        let far = surface.vertices.iter().map(|p| p.length());
+        Ok(DistanceField {
+            low,
+            spacing,
+            counts,
+            unit: 1.0,
+            size: -deepest,
+            radius: far.fold(0.0, f64::max),
+            values: std::sync::Arc::new(values),
+        })
+    }
+
+    /// The same, so many times as large.
+    #[must_use]
+    pub fn scaled(&self, by: f64) -> DistanceField {
+        DistanceField {
+            low: by * self.low,
+            spacing: by * self.spacing,
+            counts: self.counts,
+            values: self.values.clone(),
+            unit: by * self.unit,
+            size: by * self.size,
+            radius: by * self.radius,
+        }
+    }
+
+    /// Between two points of the grid.
+    pub fn spacing(&self) -> f64 {
+        self.spacing
+    }
+
+    /// How deep inside a point can be.
+    pub fn size(&self) -> f64 {
+        self.size
+    }
+
+    /// The farthest that the surface comes from the origin.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// The point nearest to `p` that has points all around, from the first in spacings.
+    fn within(&self, p: DVec3) -> (DVec3, DVec3) {
+        let last = DVec3::from(self.counts.map(|n| n as f64 - 2.5));
+        let high = self.low + self.spacing * last;
+        let near = p.clamp(self.low + 1.5 * self.spacing, high);
+        ((near - self.low) / self.spacing, p - near)
+    }
+
+    /// The signed distance of `p`; beyond the grid that from it, which is less.
+    pub fn distance(&self, p: DVec3) -> f64 {
+        self.touch(p).distance
+    }
+
+    /// Where `p` stands to it.
+    pub fn touch(&self, p: DVec3) -> Touch {
+        let (at, beyond) = self.within(p);
+        let first = (at - 0.5).floor();
+        let weights: [[[f64; 3]; 3]; 3] = std::array::from_fn(|k| quadratic(at[k] - first[k]));
+        let start = first.to_array().map(|k| k as usize);
+        let [nx, ny, _] = self.counts;
+        let mut sums = [0.0; 10];
+        for z in 0..3 {
+            for y in 0..3 {
+                let row = (start[2] + z) * ny + start[1] + y;
+                for x in 0..3 {
+                    let value = self.values[row * nx + start[0] + x];
+                    let w = |dx: usize, dy: usize, dz: usize| {
+                        weights[0][dx][x] * weights[1][dy][y] * weights[2][dz][z] * value
+                    };
+                    let own = [
+                        w(0, 0, 0),
+                        w(1, 0, 0),
+                        w(0, 1, 0),
+                        w(0, 0, 1),
+                        w(2, 0, 0),
+                        w(0, 2, 0),
+                        w(0, 0, 2),
+                        w(1, 1, 0),
+                        w(1, 0, 1),
+                        w(0, 1, 1),
+                    ];
+                    sums.iter_mut().zip(own).for_each(|(s, o)| *s += o);
+                }
+            }
+        }
+        let [value, x, y, z, xx, yy, zz, xy, xz, yz] = sums;
+        // Values are in units, the spline's argument in spacings.
+        let (slope, bend) = (self.unit / self.spacing, self.unit / self.spacing.powi(2));
+        let touch = Touch {
+            distance: self.unit * value,
+            normal: slope * DVec3::new(x, y, z),
+            curvature: DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]) * bend,
+        };
+        let far = beyond.length();
+        match far > 0.0 {
+            false => touch,
+            true => Touch {
+                distance: far + (AROUND - 1.5) * self.spacing,
+                normal: beyond / far,
+                curvature: DMat3::ZERO,
+            },
+        }
+    }
+}
+
+/// The weights of three points at `t` from the first, from ½ to 1½, with their derivatives.
+fn quadratic(t: f64) -> [[f64; 3]; 3] {
+    let s = t - 1.0;
+    [
+        [
+            0.5 * (0.5 - s) * (0.5 - s),
+            0.75 - s * s,
+            0.5 * (0.5 + s) * (0.5 + s),
+        ],
+        [s - 0.5, -2.0 * s, s + 0.5],
+        [1.0, -2.0, 1.0],
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::mesh::{Topology, generate};
+
+    /// The surface of a ball of radius 1.
+    fn sphere() -> TriMesh {
+        let ball = generate::ball(1.0, 14).unwrap();
+        let topology = Topology::new(&ball);
+        let faces = topology.boundary.iter();
+        TriMesh {
+            triangles: faces.map(|f| topology.boundary_nodes(&ball, *f)).collect(),
+            vertices: ball.nodes,
+            ..TriMesh::default()
+        }
+    }
+
+    #[test]
+    fn a_ball_is_as_far_as_it_should_be() {
+        let field = DistanceField::new(&sphere()).unwrap();
+        for p in [
+            DVec3::new(1.05, 0.0, 0.0),
+            DVec3::new(0.6, -0.6, 0.6),
+            DVec3::new(0.0, 0.3, -0.5),
+        ] {
+            let touch = field.touch(p);
+            let exact = p.length() - 1.0;
+            // Faces run inside the ball, and the spline rounds by the square of a spacing.
+            let near = 0.02 * (1.0 + exact.abs());
+            assert!((touch.distance - exact).abs() < near, "{p}: {touch:?}");
+            assert!(touch.normal.dot(p.normalize()) > 0.98, "{p}: {touch:?}");
+        }
+        let beyond = DVec3::new(3.0, 2.0, -1.0);
+        let (least, exact) = (field.distance(beyond), beyond.length() - 1.0);
+        assert!(least < exact && least > 0.7 * exact, "{least} {exact}");
+        assert!((field.size() - 1.0).abs() < 0.05);
+        assert!((field.radius() - 1.0).abs() < 1e-9);
+        let far = field.scaled(3.0).touch(DVec3::new(3.3, 0.3, -0.6));
+        let near = field.touch(DVec3::new(1.1, 0.1, -0.2));
+        assert!((far.distance - 3.0 * near.distance).abs() < 1e-12);
+        assert!(far.normal.distance(near.normal) < 1e-12);
+    }
+
+    #[test]
+    fn its_gradient_is_that_of_its_distance_and_continuous() {
+        let field = DistanceField::new(&sphere()).unwrap();
+        let h = 1e-7;
+        for i in 0..400 {
+            let t = f64::from(i);
+            let p = 0.9 * DVec3::new((0.7 * t).sin(), (1.3 * t).cos(), (0.4 * t).sin());
+            let touch = field.touch(p);
+            for (k, axis) in DVec3::AXES.into_iter().enumerate() {
+                let (a, b) = (field.touch(p - h * axis), field.touch(p + h * axis));
+                let by_value = (b.distance - a.distance) / (2.0 * h);
+                assert!((by_value - touch.normal[k]).abs() < 1e-5, "{p}");
+                assert!(a.normal.distance(b.normal) < 1e-4, "{p}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_open_has_no_inside() {
+        let mut open = sphere();
+        let half = open.triangles.len() / 2;
+        open.triangles.truncate(half);
+        let error = DistanceField::new(&open).unwrap_err().to_string();
+        assert!(error.contains("inside"), "{error}");
+    }
+}

@@ -1,0 +1,15 @@
+//! Contact: tools that press on a body, their shapes and where they are, and the potentials by
+//! which nothing passes through them.
+//!
+//! The engine's side is in `physics/cpu/contact*.rs`.
+
+mod barrier;
+mod field;
+mod shape;
+mod tool;
+
+pub(super) use barrier::{Barrier, Slip};
+pub use field::DistanceField;
+pub use shape::{Shape, Touch};
+pub(super) use tool::check_pose;
+pub use tool::{Overlap, Tool, ToolId, ToolPose};

@@ -1,0 +1,146 @@
+//! Tools: rigid shapes that press on a body, where they are, and how they hold it.
+
+use super::Shape;
+use crate::mesh::{TetMesh, Topology};
+use crate::{Error, Result};
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// Names a tool of a body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ToolId(pub(in crate::physics) usize);
+
+/// Where a tool is: the origin of its shape, in file units, and how it is turned.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ToolPose {
+    /// The origin of its shape.
+    pub place: [f64; 3],
+    /// How it is turned: x, y, z, w.
+    pub turn: [f64; 4],
+}
+
+impl ToolPose {
+    /// At `place`, turned by `turn`.
+    pub fn new(place: DVec3, turn: DQuat) -> ToolPose {
+        ToolPose {
+            place: place.to_array(),
+            turn: turn.normalize().to_array(),
+        }
+    }
+
+    /// The origin of its shape.
+    pub fn place(&self) -> DVec3 {
+        self.place.into()
+    }
+
+    /// How it is turned.
+    pub fn turn(&self) -> DQuat {
+        DQuat::from_array(self.turn)
+    }
+
+    /// Where a point of the tool, in its shape's frame, is.
+    pub fn of_point(&self, p: DVec3) -> DVec3 {
+        self.place() + self.turn() * p
+    }
+
+    fn is_sound(&self) -> bool {
+        let turn = self.turn();
+        self.place().is_finite() && turn.is_finite() && turn.length() > 0.0
+    }
+}
+
+/// A rigid shape that presses on a body.
+#[derive(Clone, Debug)]
+pub struct Tool {
+    /// Its shape, in file units.
+    pub shape: Shape,
+    /// Where it is at first.
+    pub pose: ToolPose,
+    /// μ of Coulomb friction.
+    pub friction: f64,
+    /// The gap from which on it pushes, in file units; what suits it and the mesh where nothing is
+    /// said.
+    pub gap: Option<f64>,
+}
+
+/// What of a body lies inside a tool.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Overlap {
+    /// How many nodes of its boundary.
+    pub nodes: usize,
+    /// How deep the deepest of them is, in file units.
+    pub depth: f64,
+}
+
+impl Tool {
+    /// Refuses what makes no sense.
+    ///
+    /// # Errors
+    /// [`Error::Input`].
+    pub fn check(&self) -> Result<()> {
+        let fits = |x: f64| x.is_finite() && x > 0.0;
+        let wrong = match &self.shape {
+            Shape::Sphere { radius } if !fits(*radius) => {
+                Some(format!("a sphere of radius {radius}"))
+            }
+            Shape::Capsule { radius, length }
+                if !(fits(*radius) && length.is_finite() && *length >= 0.0) =>
+            {
+                Some(format!("a capsule of radius {radius} and length {length}"))
+            }
+            Shape::Box { half } if !half.to_array().into_iter().all(fits) => {
+                Some(format!("a box of edges {}", 2.0 * *half))
+            }
+            _ => None,
+        };
+        if let Some(what) = wrong {
+            return Err(Error::Input(format!(
+                "a tool cannot be {what}; lengths are positive numbers"
+            )));
+        }
+        if !(self.friction.is_finite() && self.friction >= 0.0) {
+            return Err(Error::Input(format!(
+                "a tool with a friction of {} makes no sense; give 0 or more",
+                self.friction
+            )));
+        }
+        if let Some(gap) = self.gap.filter(|gap| !fits(*gap)) {
+            return Err(Error::Input(format!(
+                "a tool that pushes from a gap of {gap} on makes no sense; give a positive length"
+            )));
+        }
+        check_pose(&self.pose)
+    }
+
+    /// What of the boundary of `mesh` lies inside the tool where it is at first.
+    pub fn overlap(&self, mesh: &TetMesh, topology: &Topology) -> Overlap {
+        let mut seen = vec![false; mesh.nodes.len()];
+        let mut found = Overlap::default();
+        let back = self.pose.turn().inverse();
+        for face in &topology.boundary {
+            for v in topology.boundary_nodes(mesh, *face) {
+                if std::mem::replace(&mut seen[v as usize], true) {
+                    continue;
+                }
+                let p = back * (mesh.nodes[v as usize] - self.pose.place());
+                let distance = self.shape.distance(p);
+                if distance < 0.0 {
+                    found.nodes += 1;
+                    found.depth = found.depth.max(-distance);
+                }
+            }
+        }
+        found
+    }
+}
+
+/// Refuses a pose that is none.
+pub(in crate::physics) fn check_pose(pose: &ToolPose) -> Result<()> {
+    match pose.is_sound() {
+        true => Ok(()),
+        false => Err(Error::Input(format!(
+            "a tool at {:?}, turned by {:?}, makes no sense; give finite numbers",
+            pose.place, pose.turn
+        ))),
+    }
+}

@@ -1,0 +1,210 @@
+//! The boundary of a body as tools see it, and the points of it that are kept out of them.
+//!
+//! These are its nodes, and of faces that are large beside a tool points of a lattice as well, so
+//! that none lets it through. They keep their places in the faces: what they feel is smooth in the
+//! nodes' places, and so many areas under a pressure.
+
+use super::contact::{Pressing, wide};
+use super::pool::Plan;
+use super::real::Real;
+use super::vectors::V4;
+use glam::DVec3;
+
+/// Points of a face's lattice are nearer to each other at rest than this part of a tool's size.
+const FINE: f64 = 0.2;
+
+/// The finest lattice has so many points along an edge of a face.
+const FINEST: f64 = 12.0;
+
+/// A point whose nodes are free by less than this has nowhere to go.
+const FREE: f64 = 0.25;
+
+/// A point of the boundary and a tool that it may come near to.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    nodes: [u32; 3],
+    weights: [f64; 3],
+    pub tool: u32,
+    /// A K: its area by the stiffness of what is behind it.
+    pub weight: f64,
+    /// The chunk that counts its energy.
+    pub home: u32,
+    chunks: [u32; 3],
+}
+
+impl Sample {
+    /// Its nodes, with their weights.
+    #[inline]
+    pub fn corners(&self) -> impl Iterator<Item = (usize, f64)> + use<> {
+        let corners = self.nodes.map(|i| i as usize);
+        let weights = self.weights;
+        (0..3)
+            .map(move |k| (corners[k], weights[k]))
+            .filter(|(_, w)| *w != 0.0)
+    }
+
+    /// The chunks that these are in, each once.
+    pub fn chunks(&self) -> impl Iterator<Item = usize> + use<> {
+        let chunks = self.chunks;
+        (0..3)
+            .filter(move |k| chunks[..*k].iter().all(|c| *c != chunks[*k]))
+            .map(move |k| chunks[k] as usize)
+    }
+}
+
+/// A tool, and from how far away points come near that do not move.
+#[derive(Clone, Copy)]
+pub(super) struct Near<'a> {
+    pub tool: &'a Pressing,
+    pub extra: f64,
+}
+
+/// The boundary of a body: local units, the engine's numbers.
+#[derive(Clone, Debug)]
+pub(super) struct Hull {
+    /// Rest positions of all nodes of the body.
+    rest: Vec<DVec3>,
+    /// Nodes of the boundary, each with A K.
+    nodes: Vec<(u32, f64)>,
+    faces: Vec<([u32; 3], f64)>,
+    /// The mean edge of these.
+    pub edge: f64,
+    /// Where the nodes were when points were last chosen, and how far they may go from there.
+    known: Vec<DVec3>,
+    pub margin: f64,
+}
+
+impl Hull {
+    /// Of `faces`, by the engine's numbers, each of them with the stiffness of what is behind it,
+    /// in a body whose nodes rest at `rest`.
+    pub fn new(rest: Vec<DVec3>, faces: &[([u32; 3], f64)]) -> Hull {
+        let mut nodes = std::collections::BTreeMap::new();
+        let (mut edges, mut own) = (0.0, Vec::with_capacity(faces.len()));
+        for (face, stiffness) in faces {
+            let [a, b, c] = face.map(|v| rest[v as usize]);
+            let area = 0.5 * (b - a).cross(c - a).length();
+            edges += a.distance(b) + b.distance(c) + c.distance(a);
+            own.push((*face, area * stiffness));
+            for v in face {
+                *nodes.entry(*v).or_insert(0.0) += area * stiffness / 3.0;
+            }
+        }
+        Hull {
+            rest,
+            edge: edges / (3.0 * faces.len().max(1) as f64),
+            // A node of faces without area is kept out all the same.
+            nodes: nodes
+                .into_iter()
+                .filter(|(_, weight)| *weight > 0.0)
+                .collect(),
+            faces: own,
+            known: Vec::new(),
+            margin: 0.0,
+        }
+    }
+
+    /// Where node `i` is at the displacements `u`.
+    #[inline]
+    pub fn place<T: Real>(&self, i: usize, u: &[V4<T>]) -> DVec3 {
+        self.rest[i] + wide(u[i])
+    }
+
+    /// How far the boundary comes from `p`.
+    pub fn reach<T: Real>(&self, p: DVec3, u: &[V4<T>]) -> f64 {
+        let all = self.nodes.iter().map(|(i, _)| self.place(*i as usize, u));
+        all.map(|x| x.distance(p)).fold(0.0, f64::max)
+    }
+
+    /// The farthest that a node of the boundary is at `u` from where it was when points were last
+    /// chosen.
+    pub fn moved<T: Real>(&self, u: &[V4<T>]) -> f64 {
+        let nodes = self.nodes.iter().zip(&self.known);
+        let off = nodes.map(|((i, _), x)| x.distance_squared(self.place(*i as usize, u)));
+        off.fold(0.0, f64::max).sqrt()
+    }
+
+    /// Chooses the points that may come near to tools while no node moves by more than `margin`:
+    /// those that are nearer than that and what tools have in addition. Nodes that are not free do not
+    /// feel tools.
+    pub fn choose<T: Real>(
+        &mut self,
+        (u, free, plan): (&[V4<T>], &[T], &Plan),
+        margin: f64,
+        tools: &[Near<'_>],
+    ) -> Vec<Sample> {
+        self.margin = margin;
+        self.known.clear();
+        let places = self
+            .nodes
+            .iter()
+            .map(|(i, _)| self.rest[*i as usize] + wide(u[*i as usize]));
+        self.known.extend(places);
+        let mut samples = Vec::new();
+        for (t, near) in tools.iter().enumerate() {
+            let distance = |p: DVec3| near.tool.shape.distance(near.tool.from.inward(p));
+            let (extra, size) = (near.extra, near.tool.shape.size());
+            for ((i, weight), x) in self.nodes.iter().zip(&self.known) {
+                if distance(*x) < margin + extra {
+                    let point = ([*i; 3], [1.0, 0.0, 0.0], *weight);
+                    samples.extend(made(point, t, (free, plan)));
+                }
+            }
+            // No face comes nearer to a plane than its nodes.
+            if size.is_infinite() {
+                continue;
+            }
+            for (face, weight) in &self.faces {
+                // At rest: points that came with a face's stretch could be inside already.
+                let longest = edges(face.map(|v| self.rest[v as usize]));
+                let parts = (longest / (FINE * size)).ceil().min(FINEST) as usize;
+                if parts < 2 {
+                    continue;
+                }
+                let corners = face.map(|v| self.rest[v as usize] + wide(u[v as usize]));
+                let middle = corners.iter().sum::<DVec3>() / 3.0;
+                if distance(middle) >= margin + extra + edges(corners) {
+                    continue;
+                }
+                let count = ((parts + 1) * (parts + 2) / 2 - 3) as f64;
+                for i in 0..=parts {
+                    for j in 0..=parts - i {
+                        let k = parts - i - j;
+                        if [i, j, k].contains(&parts) {
+                            continue;
+                        }
+                        let weights = [i, j, k].map(|n| n as f64 / parts as f64);
+                        let point = (*face, weights, weight / count);
+                        samples.extend(made(point, t, (free, plan)));
+                    }
+                }
+            }
+        }
+        samples
+    }
+}
+
+/// The longest edge of a triangle.
+fn edges([a, b, c]: [DVec3; 3]) -> f64 {
+    a.distance(b).max(b.distance(c)).max(c.distance(a))
+}
+
+/// The point of these nodes with these weights, for tool `t`; none where it has nowhere to go.
+fn made<T: Real>(
+    (nodes, weights, weight): ([u32; 3], [f64; 3], f64),
+    t: usize,
+    (free, plan): (&[T], &Plan),
+) -> Option<Sample> {
+    let corners = nodes.iter().zip(weights);
+    let moves = corners
+        .map(|(i, w)| w * free[*i as usize].wide())
+        .sum::<f64>();
+    let chunks = nodes.map(|i| plan.chunk_of(i as usize) as u32);
+    (moves >= FREE).then_some(Sample {
+        nodes,
+        weights,
+        tool: t as u32,
+        weight,
+        home: chunks[0],
+        chunks,
+    })
+}

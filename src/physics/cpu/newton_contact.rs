@@ -1,0 +1,285 @@
+//! Steps in which tools touch: guesses that come to no harm, tools that go their way in stages, and
+//! iterations until forces on tools are right.
+
+use super::contact::{Contact, narrow};
+use super::contact_way::WIDE;
+use super::implicit::{Implicit, Scene};
+use super::newton::{Minimiser, PROJECTED};
+use super::real::Real;
+use super::rigid::RigidBodies;
+use super::rules::Form;
+use super::terms::Term;
+use super::vectors::{V4, add, add_scaled, apply, scale, weight};
+use crate::physics;
+use glam::DVec3;
+
+/// Residual to reach, over the forces of contact and what else moves the body.
+const TOLERANCE: f64 = 1e-3;
+
+/// Residual of linear solves.
+const LINEAR: f64 = 1e-2;
+
+/// Iterations of a step at most.
+const ITERATIONS: u32 = 80;
+
+/// How often friction takes over normal forces in a step at most, and the change of these, over
+/// themselves, from which on it does so again.
+pub(super) const RUBS: u32 = 5;
+const SAME: f64 = 3e-3;
+
+/// The square of the residual at which it takes them over, over that at which a step ends.
+pub(super) const ROUGH: f64 = 100.0;
+
+/// Iterations that are gone although they lower the potential by less than it is rounded: that of
+/// contact is a small part of it.
+pub(super) const FAINT: u32 = 6;
+
+/// The gap of tools that push from farther away at first, over that of the iteration before.
+const NARROWER: f64 = 0.3;
+
+/// Rounds in which rigid bodies make way.
+const ROUNDS: usize = 12;
+
+/// The tools among some terms.
+pub(super) fn contact<T: Real>(terms: &[Box<dyn Term<T>>]) -> Option<&Contact<T>> {
+    terms.iter().find_map(|t| t.contact())
+}
+
+/// As [`contact`], to change them.
+pub(super) fn contact_mut<T: Real>(terms: &mut [Box<dyn Term<T>>]) -> Option<&mut Contact<T>> {
+    terms.iter_mut().find_map(|t| t.contact_mut())
+}
+
+impl<T: Real> Minimiser<T> {
+    /// Begins a step of tools: in how many stages they go, 0 where none comes near.
+    pub(super) fn begin_contact(
+        &mut self,
+        implicit: &mut Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+    ) -> u32 {
+        self.goal = self.settings;
+        let Some(contact) = contact_mut(terms) else {
+            return 0;
+        };
+        let fastest = scene
+            .at
+            .v
+            .iter()
+            .map(|v| weight(*v, *v))
+            .fold(0.0, f64::max);
+        let margin = 2.0 * form.reach * fastest.sqrt();
+        let stages = contact.begin(scene.at.u, (scene.free, scene.plan), (form.reach, margin));
+        if stages == 0 {
+            return 0;
+        }
+        // Made of other points in contact: and so that a run that is resumed takes the same steps.
+        implicit.forget_coarse();
+        let own = self.settings;
+        self.goal = physics::Newton {
+            iterations: own.iterations.max(ITERATIONS),
+            tolerance: match own.tolerance > 0.0 {
+                true => own.tolerance.min(TOLERANCE),
+                false => TOLERANCE,
+            },
+            linear: own.linear.min(LINEAR),
+        };
+        stages
+    }
+
+    /// Cuts the guess in `trial` short where it would go through tools, then has these go the share
+    /// `to` of their way, for which nodes make way.
+    pub(super) fn fit(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        to: f64,
+    ) {
+        let Some(contact) = contact_mut(terms) else {
+            return;
+        };
+        contact.stage(0.0);
+        let with = (scene.free, scene.plan);
+        let way = contact.way(scene.at.u, &self.trial.place, with);
+        if way < 1.0 {
+            self.moved.clone_from(&self.trial.delta);
+            self.moved
+                .iter_mut()
+                .for_each(|by| *by = scale(T::of(way), *by));
+            let moved = &self.moved;
+            let at = |i: usize| moved[i];
+            self.rigid.guess(at);
+            let how = (form, self.mass_damping);
+            self.trial.put(scene, &self.guesses, how, &self.rigid, at);
+        }
+        self.make_way(scene, terms, form, [0.0, to]);
+    }
+
+    /// Has the tools go from one share of their way to another, for which the nodes of the trial
+    /// make way.
+    fn make_way(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        [from, to]: [f64; 2],
+    ) {
+        let Some(contact) = contact_mut(terms) else {
+            return;
+        };
+        let how = (form, self.mass_damping);
+        for round in 0..ROUNDS {
+            let start = if round == 0 { from } else { to };
+            let pushed = contact.push_out(&self.trial.place, scene.free, [start, to]);
+            if pushed.is_empty() {
+                break;
+            }
+            self.moved.clone_from(&self.trial.delta);
+            let mut shifts = vec![DVec3::ZERO; self.rigid.bodies.len()];
+            for (i, by) in pushed {
+                match self.rigid.of(i) {
+                    Some(b) if by.length() > shifts[b].length() => shifts[b] = by,
+                    Some(_) => {}
+                    None => self.moved[i] = add(self.moved[i], narrow(by)),
+                }
+            }
+            self.rigid.shift(&shifts);
+            let moved = &self.moved;
+            let at = |i: usize| moved[i];
+            self.trial.put(scene, &self.guesses, how, &self.rigid, at);
+        }
+    }
+
+    /// Goes one iteration, and has the tools go on to the share `to` of their way. Returns the
+    /// iterations of conjugate gradients.
+    pub(super) fn advance_stage(
+        &mut self,
+        implicit: &mut Implicit<T>,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        [from, to]: [f64; 2],
+    ) -> u32 {
+        self.residual(implicit, scene, terms, form);
+        let mut iterations = 0;
+        if let Some((_, outcome)) = self.solve(implicit, scene, terms, form, (0.0, 0.0)) {
+            iterations = outcome.iterations;
+            let gain = outcome.gain / (form.gamma * form.gamma);
+            if self.search(implicit, scene, terms, form, gain).is_none() {
+                self.projected = PROJECTED;
+            }
+        }
+        std::mem::swap(&mut self.best, &mut self.trial);
+        self.rigid.repeat();
+        self.make_way(scene, terms, form, [from, to]);
+        let (trial, scratch) = (&mut self.trial, &mut self.forces);
+        trial.weigh(scene, terms, &self.lagged, scratch, form);
+        std::mem::swap(&mut self.best, &mut self.trial);
+        self.rigid.accept();
+        iterations
+    }
+
+    /// Takes friction's normal forces from the best trial, and weighs that again. Whether they have
+    /// changed by what counts.
+    pub(super) fn rub(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+    ) -> bool {
+        let change = contact_mut(terms).map_or(0.0, |c| c.rub(&self.best.place));
+        if change > 0.0 {
+            let (best, scratch) = (&mut self.best, &mut self.forces);
+            best.weigh(scene, terms, &self.lagged, scratch, form);
+        }
+        change > SAME
+    }
+
+    /// Has tools push from less far away after `round`, and weighs the best trial again. Whether
+    /// they pushed from farther than they should.
+    pub(super) fn narrow(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        round: u32,
+    ) -> bool {
+        let Some(contact) = contact_mut(terms) else {
+            return false;
+        };
+        if contact.tools.iter().all(|t| t.gap == t.least_gap) {
+            return false;
+        }
+        contact.widen(WIDE * NARROWER.powi(round as i32 + 1));
+        let (best, scratch) = (&mut self.best, &mut self.forces);
+        best.weigh(scene, terms, &self.lagged, scratch, form);
+        true
+    }
+
+    /// What residuals are measured by where tools touch, squared.
+    pub(super) fn contact_weight(
+        &self,
+        implicit: &Implicit<T>,
+        terms: &[Box<dyn Term<T>>],
+        form: Form,
+    ) -> f64 {
+        let Some(contact) = contact(terms) else {
+            return 0.0;
+        };
+        let (inverse, square) = (&implicit.solver.inverse, form.gamma * form.gamma);
+        contact.weight(&self.best.place, |i, f| {
+            let force = narrow(square * f);
+            weight(force, apply(&inverse[i], force))
+        })
+    }
+
+    /// The part of the whole direction on which no point goes too deep into a tool.
+    pub(super) fn free_way(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        direction: &[V4<T>],
+    ) -> f64 {
+        let Some(contact) = contact_mut(terms) else {
+            return 1.0;
+        };
+        self.moved.clone_from(&self.best.place);
+        let ways = direction.iter().zip(scene.free);
+        for (to, (by, free)) in self.moved.iter_mut().zip(ways) {
+            *to = add_scaled(*to, *free, *by);
+        }
+        contact.way(&self.best.place, &self.moved, (scene.free, scene.plan))
+    }
+}
+
+/// How nodes of a body at `u` come out of its tools where these stand.
+pub(super) fn clear<T: Real>(
+    contact: &mut Contact<T>,
+    u: &[V4<T>],
+    free: &[T],
+) -> Vec<(usize, DVec3)> {
+    contact.push_out(u, free, [0.0, 0.0])
+}
+
+/// Pushes nodes, and rigid bodies by what their nodes are pushed the most.
+pub(super) fn put<T: Real>(
+    pushed: Vec<(usize, DVec3)>,
+    u: &mut [V4<T>],
+    rigid: Option<&mut RigidBodies>,
+) {
+    let bodies = rigid.as_ref().map_or(0, |r| r.bodies.len());
+    let mut shifts = vec![DVec3::ZERO; bodies];
+    for (i, by) in pushed {
+        match rigid.as_ref().and_then(|r| r.of(i)) {
+            Some(b) if by.length() > shifts[b].length() => shifts[b] = by,
+            Some(_) => {}
+            None => u[i] = add(u[i], narrow(by)),
+        }
+    }
+    if let Some(rigid) = rigid.filter(|r| !r.is_empty()) {
+        rigid.shift_now(&shifts);
+        rigid.put(&rigid.now, u);
+    }
+}

@@ -1,0 +1,219 @@
+//! Tools of a body, as they are set and read from outside.
+
+use super::body::{CpuBody, Start};
+use super::contact::{Contact, Pressing, ToolPlace};
+use super::contact_hull::Hull;
+use super::newton_contact::{clear, contact, contact_mut};
+use super::real::Real;
+use super::terms::At;
+use crate::physics::contact::check_pose;
+use crate::physics::{SolverKind, SpringNetwork, Tool, ToolPose};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// The gap from which on a tool pushes, where none is given: over its size, and over the mean edge
+/// of the body's boundary.
+const OF_SIZE: f64 = 1.0 / 2000.0;
+const OF_EDGE: f64 = 1.0 / 100.0;
+
+/// And at least, over the extent of the body: f32 resolves a hundredth of it.
+const LEAST: f64 = 2e-5;
+
+/// The speed below which friction holds, in extents of the body a second.
+const HOLDS: f64 = 1e-4;
+
+/// Young's modulus over μ, nearly: from 2 to 3.
+const YOUNG: f64 = 2.8;
+
+/// Where a tool is to be, in metres from the frame's origin, and how often it was put elsewhere
+/// without going there.
+pub(super) type Guided = (ToolPose, u64);
+
+/// Refuses tools on bodies that cannot be stepped with them.
+///
+/// # Errors
+/// [`Error::Input`].
+pub(super) fn check_tools(network: &SpringNetwork, kind: SolverKind) -> Result<()> {
+    if network.elements.is_empty() {
+        return Err(Error::Input(
+            "tools press on finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)".into(),
+        ));
+    }
+    match kind {
+        SolverKind::Implicit | SolverKind::Bdf2 => Ok(()),
+        _ => Err(Error::Input(format!(
+            "{kind} steps no bodies that tools press on: take implicit or bdf2"
+        ))),
+    }
+}
+
+impl<T: Real> CpuBody<T> {
+    /// Adds a tool that presses on the boundary `faces` of `network`, which this body is, by the
+    /// numbers of its nodes.
+    pub fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &SpringNetwork) {
+        if contact(&self.terms).is_none() {
+            let hull = self.hull(faces, network);
+            let least = HOLDS * self.units.time;
+            let term = Contact::new(hull, &self.plan, least);
+            self.add_term(Box::new(term));
+        }
+        let at = ToolPlace {
+            place: network.to_metres(tool.pose.place()) / self.units.length,
+            turn: tool.pose.turn().normalize(),
+        };
+        let unit = network.length_unit / self.units.length;
+        let Some(contact) = contact_mut(&mut self.terms) else {
+            return;
+        };
+        let shape = tool.shape.scaled(unit);
+        let gap = match tool.gap {
+            Some(gap) => gap * unit,
+            None => (OF_SIZE * shape.size()).min(OF_EDGE * contact.hull.edge),
+        };
+        let gap = gap.max(LEAST);
+        contact.tools.push(Pressing {
+            shape,
+            from: at,
+            at,
+            to: at,
+            friction: tool.friction,
+            least_gap: gap,
+            gap,
+            jumps: 0,
+        });
+        self.changed(Start::Restart);
+    }
+
+    /// Says where each tool is to be at the end of the next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for poses that are none, or another number of them.
+    pub fn guide_tools(&mut self, tools: &[Guided]) -> Result<()> {
+        let length = self.units.length;
+        let place = |pose: &ToolPose| ToolPlace {
+            place: pose.place() / length,
+            turn: pose.turn().normalize(),
+        };
+        let places: Vec<ToolPlace> = tools
+            .iter()
+            .map(|(pose, _)| check_pose(pose).map(|()| place(pose)))
+            .collect::<Result<_>>()?;
+        let count = contact(&self.terms).map_or(0, |c| c.tools.len());
+        if count != tools.len() {
+            return Err(Error::Input(format!(
+                "{} tools are guided on a body that has {count}",
+                tools.len()
+            )));
+        }
+        let Some(contact) = contact_mut(&mut self.terms) else {
+            return Ok(());
+        };
+        let mut jumped = false;
+        for (k, (place, (_, jumps))) in places.iter().zip(tools).enumerate() {
+            if contact.tools[k].jumps == *jumps {
+                contact.tools[k].to = *place;
+                continue;
+            }
+            contact.tools[k].jumps = *jumps;
+            contact.jump(k, *place);
+            jumped = true;
+        }
+        self.changed(match jumped {
+            true => Start::Restart,
+            false => Start::Resume,
+        });
+        Ok(())
+    }
+
+    /// The force of the body on each tool, N, and its moment about the origin of the tool's shape,
+    /// N·m.
+    pub fn tool_forces(&self) -> Vec<[DVec3; 2]> {
+        let at = At {
+            u: &self.now.u,
+            v: &self.now.v,
+        };
+        let units = [self.units.force(), self.units.energy()];
+        let Some(contact) = contact(&self.terms) else {
+            return Vec::new();
+        };
+        let local = contact.reactions(at);
+        local
+            .iter()
+            .map(|[f, m]| [*f * units[0], *m * units[1]])
+            .collect()
+    }
+
+    /// Moves what lies inside tools out of them, before a first step.
+    pub(super) fn clear_tools(&mut self) {
+        let Some(contact) = contact_mut(&mut self.terms) else {
+            return;
+        };
+        contact.begin(&self.now.u, (&self.free, &self.plan), (0.0, 0.0));
+        let pushed = clear(contact, &self.now.u, &self.free);
+        let rigid = self.newton.as_mut().map(|n| &mut n.rigid);
+        super::newton_contact::put(pushed, &mut self.now.u, rigid);
+    }
+
+    /// Leaves tools where they went in a step that was sound, or puts them back where they were.
+    pub(super) fn keep_tools(&mut self, sound: bool) {
+        let Some(contact) = contact_mut(&mut self.terms) else {
+            return;
+        };
+        if !sound {
+            contact.stage(0.0);
+            return;
+        }
+        contact.rub(&self.now.u);
+        contact.keep();
+        let near = !contact.samples.is_empty();
+        if let Some(implicit) = self.implicit.as_mut().filter(|_| near) {
+            implicit.forget_coarse();
+        }
+    }
+
+    /// Where the tools are.
+    pub(super) fn tool_places(&self) -> Vec<[f64; 7]> {
+        let tools = contact(&self.terms).map_or(&[][..], |c| &c.tools);
+        tools.iter().map(|t| t.from.numbers()).collect()
+    }
+
+    /// Puts the tools where [`CpuBody::tool_places`] found them.
+    pub(super) fn resume_tools(&mut self, places: &[[f64; 7]]) {
+        if let Some(contact) = contact_mut(&mut self.terms) {
+            for (tool, numbers) in contact.tools.iter_mut().zip(places) {
+                tool.from = ToolPlace::of_numbers(*numbers);
+                tool.at = tool.from;
+            }
+        }
+    }
+
+    /// The boundary, each face with the stiffness of what is behind it.
+    fn hull(&self, faces: &[[u32; 3]], network: &SpringNetwork) -> Hull {
+        let mut around = vec![(0.0, 0.0); network.rest.len()];
+        let (mut all, mut volume) = (0.0, 0.0);
+        for e in &network.elements.tets {
+            let young = YOUNG * e.lame[0];
+            all += young * e.volume;
+            volume += e.volume;
+            for v in e.nodes {
+                let (sum, count) = &mut around[v as usize];
+                (*sum, *count) = (*sum + young, *count + 1.0);
+            }
+        }
+        let mean = if volume > 0.0 { all / volume } else { 1.0 };
+        let pressure = self.units.force() / (self.units.length * self.units.length);
+        let of_node = |v: &u32| match around[*v as usize] {
+            (sum, count) if count > 0.0 => sum / count,
+            _ => mean,
+        };
+        let faces: Vec<([u32; 3], f64)> = faces
+            .iter()
+            .map(|face| {
+                let young = face.iter().map(of_node).sum::<f64>() / 3.0;
+                (face.map(|v| self.place[v as usize]), young / pressure)
+            })
+            .collect();
+        let places = self.order.iter().map(|v| self.rest[*v as usize]);
+        Hull::new(places.map(|x| x / self.units.length).collect(), &faces)
+    }
+}

@@ -1,0 +1,351 @@
+//! `palpate press`: a fingertip presses on a body that lies on a table, and lets go; how hard the
+//! body resists, and what its Young's modulus would be by Hertz.
+//!
+//! Slow presses are meant: each step of the tool is one of implicit Euler, long enough for all swings
+//! to be gone, and gravity has formed the body already.
+
+mod curve;
+mod spot;
+
+pub use curve::{PressReport, Sample};
+pub use spot::Spot;
+
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::physics::{Engine, EngineChoice};
+use crate::render::{Inside, Plane};
+use crate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
+use crate::{Error, Result};
+use glam::{DVec2, DVec3};
+
+/// Steps down to the depth, and up again.
+const STEPS: u32 = 16;
+/// Length of a step where a scene does not say, s.
+const STEP: f64 = 0.2;
+/// The depth, over the body's thickness there, where nothing is said; and the most at which a force
+/// is looked for.
+const DEPTH: f64 = 0.1;
+const DEEPEST: f64 = 0.5;
+/// The part of the way to a force that is gone at once: bodies resist the more the deeper.
+const WARY: f64 = 0.6;
+/// The part of a force at which it counts as reached.
+const REACHED: f64 = 0.99;
+/// How far from the body the tool begins, over its radius.
+const AWAY: f64 = 0.02;
+/// The part of the body's height along gravity that lies on the table.
+const TABLE: f64 = 0.04;
+/// A cut that is seen under more than this, as a cosine, is seen well.
+const SEEN: f64 = 0.35;
+/// What the tool is called.
+const NAME: &str = "fingertip";
+
+/// Where and how hard to press; what is not said suits the body.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Wanted {
+    /// The point of the boundary nearest to this one, in file units.
+    pub at: Option<DVec3>,
+    /// What is seen at this point of the picture, in pixels; its middle where nothing is said.
+    pub pick: Option<DVec2>,
+    /// Radius of the fingertip, in file units.
+    pub radius: Option<f64>,
+    /// How far it goes in, in file units; a tenth of the thickness there where neither this nor
+    /// `force` is said.
+    pub depth: Option<f64>,
+    /// The force at which it stops, N.
+    pub force: Option<f64>,
+}
+
+impl Wanted {
+    fn check(&self) -> Result<()> {
+        let lengths = [
+            ("radius", self.radius),
+            ("depth", self.depth),
+            ("force", self.force),
+        ];
+        for (what, given) in lengths {
+            if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
+                return Err(Error::Input(format!(
+                    "a {what} of {x} makes no sense; give a positive number"
+                )));
+            }
+        }
+        match (self.depth, self.force) {
+            (Some(_), Some(_)) => Err(Error::Input(
+                "a press goes to a depth or to a force; give one of them".into(),
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A press under way.
+pub struct Press {
+    stage: Stage,
+    spot: Spot,
+    /// Radius, how far it is to go in and how far it has, in file units.
+    radius: f64,
+    depth: f64,
+    gone: f64,
+    /// How far out of the spot the fingertip's middle is where it touches.
+    touch: f64,
+    force: Option<f64>,
+    /// Metres in a file unit.
+    unit: f64,
+    poisson: f64,
+    /// Steps up that are left; none while it goes down.
+    left: Option<u32>,
+    samples: Vec<Sample>,
+    notes: Vec<String>,
+}
+
+impl Press {
+    /// Lays the body of `scene` on a table, what is lowest along gravity held there, and puts the
+    /// fingertip before it. Loads, grabs and moves of the scene are left out, pins stay.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, a point that is nowhere
+    /// near, or numbers that make no sense; otherwise as [`Stage::new`].
+    pub fn new(gpu: &Gpu, scene: &Scene, wanted: &Wanted) -> Result<Press> {
+        wanted.check()?;
+        if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
+            return Err(Error::Input(
+                "a press needs one body of tets that is simulated itself; leave [[body]], [grid] and [cage] out".into(),
+            ));
+        }
+        let mesh = scene.mesh.load()?;
+        let (mut scene, down) = laid(scene);
+        let solver = scene.solver.name.take();
+        let mut still = Stage::with_mesh(gpu, &scene, mesh)?;
+        scene.solver.name = solver;
+        let mesh = still.mesh().clone();
+        let spot = spot::choose(&mut still, &mesh, wanted)?;
+        let camera = *still.camera_mut();
+        drop(still);
+        if on_table(&mesh, down, spot.point) {
+            return Err(Error::Input(format!(
+                "at {} the body lies on its table and cannot give; press elsewhere (--at x,y,z or --pick X,Y), or turn gravity (--gravity x,y,z)",
+                spot.point
+            )));
+        }
+        let radius = wanted.radius.unwrap_or(spot.fitting_radius());
+        let depth = match wanted.force {
+            Some(_) => DEEPEST * spot.thickness,
+            None => wanted.depth.unwrap_or(DEPTH * spot.thickness),
+        };
+        let touch = spot::first_touch(&mesh, &spot, radius);
+        let start = spot.point + (touch + AWAY * radius) * spot.out;
+        scene.tool.push(ToolEntry {
+            name: Some(NAME.into()),
+            sphere: Some(SphereEntry { radius }),
+            at: start.to_array(),
+            colour: Some([0.87, 0.72, 0.62]),
+            ..ToolEntry::default()
+        });
+        scene.pin.push(table(down));
+        let poisson = scene.material.poisson_of(&mesh)?;
+        let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
+        *stage.camera_mut() = camera;
+        let motion = stage.motion().ok_or_else(|| {
+            Error::Input("nothing moves, and so nothing can be pressed; name a solver".into())
+        })?;
+        let unit = motion.simulator.loads().frame_and_unit().1;
+        let mut notes = stage.notes().to_vec();
+        notes.push(format!(
+            "the body lies on a table and is held there; it is stepped by {} every {} s, and loads, grabs, moves, cuts, tools and floor of the scene are left out",
+            scene.solver.name.as_deref().unwrap_or_default(),
+            scene.solver.dt.unwrap_or(STEP)
+        ));
+        Ok(Press {
+            poisson,
+            stage,
+            spot,
+            radius,
+            depth,
+            gone: -AWAY * radius,
+            touch,
+            force: wanted.force,
+            unit,
+            left: None,
+            samples: Vec::new(),
+            notes,
+        })
+    }
+
+    /// The body, to draw it and to write it.
+    pub fn stage(&mut self) -> &mut Stage {
+        &mut self.stage
+    }
+
+    /// What was assumed, in words.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Where it presses.
+    pub fn spot(&self) -> &Spot {
+        &self.spot
+    }
+
+    /// Radius of the fingertip, in file units.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// Steps there are, but for those that a force asks for.
+    pub fn steps(&self) -> u32 {
+        2 * STEPS
+    }
+
+    /// What was measured so far.
+    pub fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+
+    /// Cuts pictures through the middle of the press from now on, so that the inside is seen giving:
+    /// along the body where the camera sees that well, else across the view.
+    ///
+    /// # Errors
+    /// As [`Stage::set_inside`].
+    pub fn cut_through(&mut self) -> Result<()> {
+        let out = self.spot.out;
+        let to_eye = self.stage.camera_mut().eye - self.spot.point;
+        let across = (to_eye - out * out.dot(to_eye)).normalize_or(out.any_orthonormal_vector());
+        let (low, high) = self.stage.mesh().bounds();
+        let longest = DVec3::AXES[(high - low).max_position()];
+        let beside = out.cross(longest).normalize_or_zero();
+        let seen = beside.dot(to_eye.normalize_or_zero());
+        let across = match seen.abs() > SEEN && out.cross(longest).length() > SEEN {
+            true => beside * seen.signum(),
+            false => across,
+        };
+        let mut inside: Inside = self.stage.inside().clone();
+        inside.planes.push(Plane::clip(self.spot.point, across));
+        self.stage.set_inside(&inside)
+    }
+
+    /// Goes one step, down or, once it is deep enough, up again. `None` when it has let go.
+    ///
+    /// # Errors
+    /// What a step gives: where the body cannot give way, the tool does not get past it.
+    pub fn advance(&mut self) -> Result<Option<Sample>> {
+        let stride = self.stride();
+        let (loads, goal) = match self.left {
+            Some(0) => return Ok(None),
+            Some(left) => (
+                false,
+                self.gone - (self.gone + AWAY * self.radius) / f64::from(left),
+            ),
+            // So that rounding makes no further step.
+            None => match self.gone + 1.001 * stride < self.depth {
+                true => (true, self.gone + stride),
+                false => (true, self.depth),
+            },
+        };
+        let place = self.spot.point + (self.touch - goal) * self.spot.out;
+        self.stage.guide_tool(0, place)?;
+        self.stage.run(1, &mut |_| {})?;
+        self.gone = goal;
+        let force = self.stage.tool_force(0)?.dot(self.spot.out);
+        let sample = Sample {
+            time_s: self.stage.time(),
+            phase: if loads { "load" } else { "unload" },
+            depth_m: self.unit * goal,
+            force_n: force,
+        };
+        self.samples.push(sample);
+        let deep = goal >= self.depth || self.force.is_some_and(|most| force >= REACHED * most);
+        self.left = match self.left {
+            Some(left) => Some(left - 1),
+            None if deep => Some(STEPS),
+            None => None,
+        };
+        Ok(Some(sample))
+    }
+
+    /// How far the next step goes down: to a depth evenly, to a force as the last two steps foresee.
+    fn stride(&self) -> f64 {
+        let even = (self.depth + AWAY * self.radius) / f64::from(STEPS);
+        let Some(force) = self.force else {
+            return even;
+        };
+        let small = 0.25 * even;
+        match self.samples.as_slice() {
+            [.., a, b] if b.force_n > a.force_n && a.force_n > 0.0 => {
+                let slope = self.unit * (b.force_n - a.force_n) / (b.depth_m - a.depth_m);
+                (WARY * (force - b.force_n) / slope).clamp(0.05 * small, even)
+            }
+            _ => small,
+        }
+    }
+
+    /// Whether the deepest point has just been reached.
+    pub fn is_deepest(&self) -> bool {
+        self.left == Some(STEPS)
+    }
+
+    /// Whether the force that was asked for was not reached.
+    pub fn falls_short(&self) -> bool {
+        let most = self.samples.iter().map(|s| s.force_n).fold(0.0, f64::max);
+        self.left.is_some() && self.force.is_some_and(|force| most < REACHED * force)
+    }
+
+    /// What it all says of the body, after `seconds` of computing.
+    pub fn report(&self, seconds: f64) -> PressReport {
+        let engine = self.stage.motion().map(|m| m.engine().to_string());
+        curve::report(
+            &self.samples,
+            [self.unit * self.radius, self.poisson],
+            engine.unwrap_or_default(),
+            seconds,
+        )
+    }
+}
+
+/// The scene as it lies on its table, still; and which way is down.
+fn laid(scene: &Scene) -> (Scene, DVec3) {
+    let mut laid = scene.clone();
+    let down = scene.solver.gravity.map_or(DVec3::ZERO, DVec3::from);
+    let down = down.try_normalize().unwrap_or(DVec3::NEG_Z);
+    laid.force.clear();
+    laid.grab.clear();
+    laid.moves.clear();
+    laid.pressure.clear();
+    laid.muscle.clear();
+    laid.cut.clear();
+    laid.tool.clear();
+    laid.floor = None;
+    laid.solver.gravity = Some([0.0; 3]);
+    laid.solver.name = Some("implicit".into());
+    laid.solver.dt = Some(scene.solver.dt.unwrap_or(STEP).max(STEP));
+    laid.solver.sleep = Some(false);
+    let engine = scene.solver.engine.unwrap_or(EngineChoice::Auto);
+    laid.solver.engine = Some(match engine {
+        EngineChoice::Auto => EngineChoice::This(Engine::Cpu),
+        named => named,
+    });
+    (laid, down)
+}
+
+/// Whether a point is of what lies on the table.
+fn on_table(mesh: &TetMesh, down: DVec3, point: DVec3) -> bool {
+    let axis = down.abs().max_position();
+    let (low, high) = mesh.bounds();
+    let share = (point[axis] - low[axis]) / (high[axis] - low[axis]).max(f64::MIN_POSITIVE);
+    match down[axis] < 0.0 {
+        true => share <= TABLE,
+        false => share >= 1.0 - TABLE,
+    }
+}
+
+/// What is lowest, which lies on the table: along the axis that is most nearly that of gravity.
+fn table(down: DVec3) -> Region {
+    let axis = down.abs().max_position();
+    let up = down[axis] < 0.0;
+    Region {
+        name: Some("table".into()),
+        axis: Some([Axis::X, Axis::Y, Axis::Z][axis]),
+        below: up.then_some(TABLE),
+        above: (!up).then_some(1.0 - TABLE),
+        ..Region::default()
+    }
+}

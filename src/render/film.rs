@@ -1,0 +1,356 @@
+//! Films of pictures, written frame by frame: GIF, or MP4 by the installed program ffmpeg.
+
+use super::{Background, Image};
+use crate::io::UnfinishedFile;
+use crate::{Error, Result};
+use std::ffi::OsStr;
+use std::fs::File;
+use std::io::{BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// The program that encodes MP4.
+const PROGRAM: &str = "ffmpeg";
+/// Of 1 (the best palettes) to 30 (the fastest).
+const PALETTE_SPEED: i32 = 10;
+/// Characters of the program's last words that go into an error.
+const LAST_WORDS: usize = 400;
+
+/// A film being written under a temporary name: it has its own once it is [finished](Film::finish),
+/// and leaves nothing where it is not.
+///
+/// `.gif` is an endless animation with a palette of 256 colours for each frame, `.mp4` is made by
+/// the program ffmpeg, which has to be installed. No frame is kept in memory.
+pub struct Film {
+    path: PathBuf,
+    unfinished: UnfinishedFile,
+    size: [u32; 2],
+    fps: f64,
+    frames: u32,
+    writer: Writer,
+}
+
+enum Writer {
+    Gif(gif::Encoder<BufWriter<File>>),
+    Ffmpeg(Program),
+}
+
+/// A program that runs; it is ended with this.
+struct Program(Child);
+
+impl Film {
+    /// Begins a film of frames of `size` pixels, `fps` of them a second.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a name that ends in neither `.gif` nor `.mp4`, a size of no film, a rate
+    /// that is not positive (a GIF has up to 50 frames a second, an MP4 up to 240), or where ffmpeg
+    /// is needed and not installed; [`Error::Io`] when the file cannot be made.
+    pub fn create(path: impl AsRef<Path>, size: [u32; 2], fps: f64) -> Result<Film> {
+        begin(path.as_ref(), size, fps, PROGRAM.as_ref())
+    }
+
+    /// Whether a film of that name and rate can be written, as far as is known before its first
+    /// frame.
+    ///
+    /// # Errors
+    /// As [`Film::create`].
+    pub fn check(path: impl AsRef<Path>, fps: f64) -> Result<()> {
+        check(path.as_ref(), fps).map(drop)
+    }
+
+    /// Adds a frame, on `background`; what is transparent becomes black.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a picture of another size; otherwise what writing gives.
+    pub fn push(&mut self, image: &Image, background: Background) -> Result<()> {
+        if image.size != self.size {
+            let ([w, h], [x, y]) = (image.size, self.size);
+            return Err(Error::Input(format!(
+                "a frame of {w} x {h} pixels does not go into a film of {x} x {y}"
+            )));
+        }
+        let pixels = image.rgb(background);
+        match &mut self.writer {
+            Writer::Gif(gif) => {
+                let [width, height] = self.size.map(|n| n as u16);
+                let mut frame = gif::Frame::from_rgb_speed(width, height, &pixels, PALETTE_SPEED);
+                // In hundredths of a second, without drifting away from the rate.
+                let until = |frames: u32| (100.0 * f64::from(frames) / self.fps).round();
+                frame.delay = (until(self.frames + 1) - until(self.frames)) as u16;
+                gif.write_frame(&frame).map_err(|e| of_gif(&self.path, e))?;
+            }
+            Writer::Ffmpeg(Program(child)) => {
+                let sent = child.stdin.as_mut().map(|to| to.write_all(&pixels));
+                if !matches!(sent, Some(Ok(()))) {
+                    return Err(refused(child));
+                }
+            }
+        }
+        self.frames += 1;
+        Ok(())
+    }
+
+    /// Ends the film and gives the file its name.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a film without frames; otherwise what writing gives.
+    pub fn finish(self) -> Result<()> {
+        if self.frames == 0 {
+            return Err(Error::Input(format!(
+                "{}: a film needs at least one frame",
+                self.path.display()
+            )));
+        }
+        match self.writer {
+            Writer::Gif(gif) => {
+                let mut file = gif.into_inner().map_err(|e| of_gif(&self.path, e))?;
+                file.flush().map_err(Error::io(&self.path))?;
+            }
+            Writer::Ffmpeg(mut program) => {
+                let child = &mut program.0;
+                // That there is no more to come is how it knows the end.
+                drop(child.stdin.take());
+                let ended = child.wait().map_err(Error::io(&self.path))?;
+                if !ended.success() {
+                    return Err(refused(child));
+                }
+            }
+        }
+        self.unfinished.finish()
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        if let Ok(None) = self.0.try_wait() {
+            self.0.kill().ok();
+            self.0.wait().ok();
+        }
+    }
+}
+
+/// What a film is written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Gif,
+    Mp4,
+}
+
+fn check(path: &Path, fps: f64) -> Result<Format> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    let (format, most) = match extension.to_ascii_lowercase().as_str() {
+        "gif" => (Format::Gif, 50.0),
+        "mp4" => (Format::Mp4, 240.0),
+        _ => {
+            return Err(Error::Input(format!(
+                "{}: films are written as .gif or .mp4",
+                path.display()
+            )));
+        }
+    };
+    if !(fps >= 0.01 && fps <= most) {
+        return Err(Error::Input(format!(
+            "{}: {fps} frames a second; choose from 0.01 to {most}",
+            path.display()
+        )));
+    }
+    Ok(format)
+}
+
+fn begin(path: &Path, size: [u32; 2], fps: f64, program: &OsStr) -> Result<Film> {
+    let format = check(path, fps)?;
+    let [width, height] = size;
+    if size.iter().any(|n| !(1..=16_384).contains(n)) {
+        return Err(Error::Input(format!(
+            "a film of {width} x {height} pixels; each side must be from 1 to 16384"
+        )));
+    }
+    let (file, unfinished) = UnfinishedFile::create(path)?;
+    let writer = match format {
+        Format::Gif => {
+            let file = BufWriter::new(file);
+            let sides = size.map(|n| n as u16);
+            let mut gif =
+                gif::Encoder::new(file, sides[0], sides[1], &[]).map_err(|e| of_gif(path, e))?;
+            gif.set_repeat(gif::Repeat::Infinite)
+                .map_err(|e| of_gif(path, e))?;
+            Writer::Gif(gif)
+        }
+        Format::Mp4 => {
+            drop(file);
+            let child = encoder(program, size, fps, unfinished.temporary())?;
+            Writer::Ffmpeg(Program(child))
+        }
+    };
+    Ok(Film {
+        path: path.to_path_buf(),
+        unfinished,
+        size,
+        fps,
+        frames: 0,
+        writer,
+    })
+}
+
+/// Starts the program, which takes frames as they come and writes `to`.
+fn encoder(program: &OsStr, [width, height]: [u32; 2], fps: f64, to: &Path) -> Result<Child> {
+    let (size, fps) = (format!("{width}x{height}"), fps.to_string());
+    // What players understand has half as many colours as pixels each way, so sides are even.
+    let even = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
+    Command::new(program)
+        .args(["-y", "-loglevel", "error", "-f", "rawvideo"])
+        .args(["-pix_fmt", "rgb24", "-s", &size, "-r", &fps, "-i", "-"])
+        .args(["-an", "-vf", even, "-pix_fmt", "yuv420p"])
+        .args(["-movflags", "+faststart", "-f", "mp4"])
+        .arg(to)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|e| {
+            let program = program.to_string_lossy();
+            Error::Input(match e.kind() {
+                std::io::ErrorKind::NotFound => format!(
+                    "MP4 is written by the program {program}, which is not installed; install it (ffmpeg.org; Debian: apt install ffmpeg), or write a .gif"
+                ),
+                _ => format!("the program {program} cannot be started: {e}"),
+            })
+        })
+}
+
+/// What to say of a program that gave up.
+fn refused(child: &mut Child) -> Error {
+    drop(child.stdin.take());
+    let mut said = String::new();
+    if let Some(errors) = &mut child.stderr {
+        errors.read_to_string(&mut said).ok();
+    }
+    let from = said
+        .char_indices()
+        .rev()
+        .nth(LAST_WORDS)
+        .map_or(0, |(i, _)| i);
+    let ended = child
+        .wait()
+        .map_or_else(|e| e.to_string(), |s| s.to_string());
+    Error::Input(format!(
+        "ffmpeg gave up on the film ({ended}): {}",
+        said[from..].trim()
+    ))
+}
+
+fn of_gif(path: &Path, e: gif::EncodingError) -> Error {
+    match e {
+        gif::EncodingError::Io(e) => Error::io(path)(e),
+        other => Error::format(path, format!("cannot be encoded: {other}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn frame(size: [u32; 2], grey: f32) -> Image {
+        let pixels = size[0] as usize * size[1] as usize;
+        Image {
+            size,
+            channels: 4,
+            values: [grey, grey, grey, 1.0].repeat(pixels),
+        }
+    }
+
+    #[test]
+    fn a_gif_has_the_frames_and_lasts_as_long_as_they_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.gif");
+        let mut film = Film::create(&path, [12, 7], 30.0).unwrap();
+        for i in 0..31 {
+            let frame = frame([12, 7], i as f32 / 30.0);
+            film.push(&frame, Background::Black).unwrap();
+        }
+        assert!(!path.exists(), "an unfinished film has no name");
+        film.finish().unwrap();
+        let mut options = gif::DecodeOptions::new();
+        options.set_color_output(gif::ColorOutput::RGBA);
+        let mut read = options.read_info(File::open(&path).unwrap()).unwrap();
+        let (mut frames, mut hundredths) = (0, 0);
+        while let Some(frame) = read.read_next_frame().unwrap() {
+            let grey = (255.0 * frames as f32 / 30.0).round() as u8;
+            assert_eq!(frame.buffer[..4], [grey, grey, grey, 255]);
+            hundredths += u32::from(frame.delay);
+            frames += 1;
+        }
+        assert_eq!((frames, hundredths), (31, 103));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_is_given_up_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.gif");
+        let mut film = Film::create(&path, [4, 4], 10.0).unwrap();
+        film.push(&frame([4, 4], 0.5), Background::Black).unwrap();
+        let other = film.push(&frame([4, 5], 0.5), Background::Black);
+        assert!(other.unwrap_err().to_string().contains("4 x 5"));
+        drop(film);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        assert!(Film::create(&path, [4, 4], 10.0).unwrap().finish().is_err());
+    }
+
+    #[test]
+    fn wrong_names_and_rates_are_said_so() {
+        let said = |path: &str, fps: f64| Film::check(path, fps).unwrap_err().to_string();
+        assert!(said("film.avi", 10.0).contains(".gif or .mp4"));
+        assert!(said("film.gif", 60.0).contains("0.01 to 50"));
+        assert!(said("film.mp4", 0.0).contains("0.01 to 240"));
+        assert!(said("film.mp4", f64::NAN).contains("NaN"));
+        assert!(Film::check("film.MP4", 60.0).is_ok());
+    }
+
+    #[test]
+    fn a_program_that_is_not_there_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.mp4");
+        let film = begin(&path, [4, 4], 10.0, "no-such-ffmpeg".as_ref());
+        let message = film.err().unwrap().to_string();
+        assert!(message.contains("install"), "{message}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    /// A program that does what `script` says, in place of ffmpeg.
+    #[cfg(unix)]
+    fn program(folder: &Path, script: &str) -> PathBuf {
+        use std::os::unix::fs::PermissionsExt;
+        let path = folder.join("encoder");
+        std::fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
+        std::fs::set_permissions(&path, PermissionsExt::from_mode(0o755)).unwrap();
+        path
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn the_program_gets_every_pixel_and_its_failures_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.mp4");
+        // The last argument is the file to write.
+        let keeps = program(folder.path(), "for last; do :; done; cat > \"$last\"");
+        let mut film = begin(&path, [5, 3], 10.0, keeps.as_os_str()).unwrap();
+        for grey in [0.0, 1.0] {
+            film.push(&frame([5, 3], grey), Background::Black).unwrap();
+        }
+        film.finish().unwrap();
+        let expected = [[0u8; 45], [255; 45]].concat();
+        assert_eq!(std::fs::read(&path).unwrap(), expected);
+        std::fs::remove_file(&path).unwrap();
+        let fails = program(
+            folder.path(),
+            "cat > /dev/null; echo no such codec >&2; exit 3",
+        );
+        let mut film = begin(&path, [5, 3], 10.0, fails.as_os_str()).unwrap();
+        film.push(&frame([5, 3], 0.5), Background::Black).unwrap();
+        let message = film.finish().unwrap_err().to_string();
+        assert!(message.contains("no such codec"), "{message}");
+        assert!(!path.exists());
+    }
+}

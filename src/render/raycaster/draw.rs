@@ -1,0 +1,288 @@
+//! Recording a picture: the layers, their walks, and what they gathered brought to the target.
+
+use super::Raycaster;
+use crate::gpu::{Draw, Recorder};
+use crate::render::Camera;
+use crate::render::peel::{Peel, SUM, Walks, attachment};
+use crate::render::raycast_options::{Gathered, Target, Walk};
+use crate::render::tiles::check_size;
+use crate::render::view::{LocalView, View, Window};
+use crate::{Error, Result};
+use std::collections::HashMap;
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Resolve {
+            pub background: [f32; 4],
+            pub layers: u32,
+            pub _pad: [u32; 3],
+        }
+    }
+}
+
+/// A walk is given up after this many tets beyond those there are.
+const CAP_SLACK: u32 = 16;
+
+/// What is made for one size of picture.
+pub(super) struct Frame {
+    /// Of the geometry that it was made for.
+    generation: u64,
+    pub peel: Peel,
+    walks: HashMap<(Gathered, bool), Walks>,
+    /// The occluder that the walks were prepared with.
+    occluder: Option<wgpu::TextureView>,
+    /// By format, whether blended over what is there, and whether a projection is shown.
+    resolves: HashMap<(wgpu::TextureFormat, bool, bool), Draw>,
+}
+
+impl Frame {
+    pub fn forget_walks(&mut self) {
+        self.walks.clear();
+    }
+}
+
+impl Raycaster {
+    pub(in crate::render) fn record_window(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        gathered: Gathered,
+        target: &Target,
+        window: Window,
+    ) -> Result<()> {
+        camera.check()?;
+        check_size(window.size)?;
+        let view = self.view_of(camera, window, gathered);
+        self.looks.check(&self.geometry)?;
+        self.looks.table.fill(&self.gpu)?;
+        if self.options.walk == Walk::Planes {
+            self.geometry.record_refresh(work)?;
+        }
+        if self.options.light.is_on() && gathered == Gathered::Composite {
+            if self.geometry.gradients().is_none() {
+                return Err(Error::Input(
+                    "the geometry is not ready for light; call Geometry::illuminate first".into(),
+                ));
+            }
+            let anew = self.geometry.record_gradients(work);
+            if self.options.shadows > 0.0 {
+                self.record_shadows(work, anew)?;
+            }
+        }
+        // The frame is out of `self` while draws are prepared from the rest of it.
+        let generation = self.geometry.generation;
+        let fits = |f: &Frame| f.peel.size == window.size && f.generation == generation;
+        let kept = self.frame.take().filter(fits);
+        let mut frame = match kept {
+            Some(frame) => frame,
+            None => Frame {
+                generation,
+                peel: Peel::new(
+                    &self.geometry,
+                    &view,
+                    window.size,
+                    self.options.layers,
+                    self.options.reads.are_stored(&self.gpu),
+                )?,
+                walks: HashMap::new(),
+                occluder: None,
+                resolves: HashMap::new(),
+            },
+        };
+        let drawn = self.draw(work, &mut frame, &view, gathered, target);
+        self.frame = Some(frame);
+        drawn
+    }
+
+    fn draw(
+        &self,
+        work: &mut Recorder,
+        frame: &mut Frame,
+        view: &View,
+        gathered: Gathered,
+        target: &Target,
+    ) -> Result<()> {
+        if frame.occluder.as_ref() != target.occluder {
+            frame.walks.retain(|(_, occluded), _| !occluded);
+            frame.occluder = target.occluder.cloned();
+        }
+        let key = (gathered, target.occluder.is_some());
+        if !frame.walks.contains_key(&key) {
+            let walks = self.walks(&frame.peel, view, gathered, target.occluder)?;
+            frame.walks.insert(key, walks);
+        }
+        if let Some(walks) = frame.walks.get(&key) {
+            let report = gathered == Gathered::Statistics;
+            frame.peel.record(work, walks, view, report)?;
+        }
+        self.resolve(work, frame, target, gathered.is_projection())
+    }
+
+    /// Brings the sum of the last layer that ran into the target.
+    fn resolve(
+        &self,
+        work: &mut Recorder,
+        frame: &mut Frame,
+        target: &Target,
+        projected: bool,
+    ) -> Result<()> {
+        let params = gpu_data::Resolve {
+            background: target.background.unwrap_or_default(),
+            layers: frame.peel.layers,
+            _pad: [0; 3],
+        };
+        let format = target.colour.texture().format();
+        let blend = target.background.is_none();
+        let key = (format, blend, projected);
+        if !frame.resolves.contains_key(&key) {
+            let peel = &frame.peel;
+            let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+            let draw = self
+                .gpu
+                .draw("render/resolve")
+                .constant("PROJECTED", f64::from(u8::from(projected)))
+                .read(&peel.sums[0])
+                .read(&peel.sums[1])
+                .read(&peel.arguments[0])
+                .read(&peel.arguments[1])
+                .params(&params)
+                .target(format, blend.then_some(over))
+                .prepare()?;
+            frame.resolves.insert(key, draw);
+        }
+        if let Some(draw) = frame.resolves.get(&key) {
+            draw.set_params(work, &params)?;
+            let load = match target.background {
+                Some(_) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                None => wgpu::LoadOp::Load,
+            };
+            let colour = [attachment(target.colour, load)];
+            let mut pass = work.render_pass("render/resolve", &colour, None);
+            draw.record(&mut pass, 3, 1);
+        }
+        Ok(())
+    }
+
+    fn walks(
+        &self,
+        peel: &Peel,
+        view: &View,
+        gathered: Gathered,
+        occluder: Option<&wgpu::TextureView>,
+    ) -> Result<Walks> {
+        let flag = |on: bool| f64::from(u8::from(on));
+        let form = self.looks.table.form;
+        let stored = self.options.reads.are_stored(&self.gpu);
+        let walk = match self.options.walk {
+            Walk::Vertices => "render/walk_vertices",
+            Walk::Planes => "render/walk_planes",
+        };
+        let reads = if stored { "stored" } else { "sampled" };
+        let name = format!("{walk} {reads} {}", form.term(stored));
+        let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
+            let sum = &peel.sums[1 - writes];
+            let opaque = occluder.unwrap_or(&self.nothing_opaque);
+            let geometry = &self.geometry;
+            let lit = self.options.light.is_on() && gathered == Gathered::Composite;
+            let looks = &self.looks;
+            let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
+            let resting = looks.inside().needs_rest();
+            // What is not read is given something small.
+            let nothing = &looks.cuts;
+            let shadows = self.shadows.as_ref().filter(|_| lit);
+            let gradients = shadows.map(|s| &s.lit).or(geometry.gradients());
+            let gradients = gradients.unwrap_or(nothing);
+            let rests = geometry.rests().filter(|_| resting).unwrap_or(nothing);
+            let rows = looks.rows().unwrap_or(&self.no_rows);
+            let builder = match self.options.walk {
+                Walk::Vertices => self
+                    .gpu
+                    .draw(&name)
+                    .read(&geometry.projected)
+                    .read(&geometry.links)
+                    .read(&geometry.tets)
+                    .read(&geometry.cells),
+                Walk::Planes => {
+                    let records = geometry.records().ok_or_else(|| {
+                        Error::Gpu("the records of the walk over planes are not made".into())
+                    })?;
+                    self.gpu
+                        .draw(&name)
+                        .read(records)
+                        .read(&geometry.cells)
+                        .read(&geometry.tets)
+                        .read(&geometry.positions)
+                }
+            };
+            let mut builder = builder.read(gradients).read(&looks.table.view);
+            if form.is_sampled() {
+                builder = builder.read(&self.sampler);
+            }
+            for (constant, value) in looks.table.constants() {
+                builder = builder.constant(constant, *value);
+            }
+            builder
+                .constant("LIT", flag(lit))
+                .constant("SHADOWED", flag(shadows.is_some()))
+                .constant("CLIPS", clips)
+                .constant("SLICES", slices)
+                .constant("ISOS", isosurfaces)
+                .constant("RESTING", flag(resting))
+                .constant("VOLUME", flag(looks.inside().volume))
+                .constant("REGIONS", flag(looks.rows().is_some()))
+                .constant("CELLS", flag(geometry.per_cell))
+                .constant("MODE", gathered.code())
+                .constant("OPAQUE", self.options.opaque)
+                .constant("BACKWARDS", flag(backwards))
+                .constant("OCCLUDED", flag(occluder.is_some()))
+                .read(&looks.cuts)
+                .read(&looks.colours)
+                .read(rests)
+                .read(rows)
+                .read(starts)
+                .read(&peel.keys[0])
+                .read(sum)
+                .read(opaque)
+                .write(&self.lost)
+                .params(view)
+                .target(SUM, None)
+                .prepare()
+        };
+        Ok(Walks {
+            // The walk towards the eye comes before layer 0, and leaves its sum to it.
+            back: draw(&peel.backs, 1, true)?,
+            layers: [
+                draw(&peel.keys[0], 0, false)?,
+                draw(&peel.keys[1], 1, false)?,
+            ],
+        })
+    }
+
+    /// As [`Raycaster::view`], of a picture of `gathered`.
+    fn view_of(&self, camera: &Camera, window: Window, gathered: Gathered) -> View {
+        let view = self.view(camera, window);
+        if !gathered.is_projection() {
+            return view;
+        }
+        // Scalars are shares of the range already, and no table is looked up.
+        View {
+            scalar: [1.0, 0.0],
+            ..view
+        }
+    }
+
+    pub(in crate::render) fn view(&self, camera: &Camera, window: Window) -> View {
+        let (geometry, table) = (&self.geometry, &self.looks.table);
+        View {
+            scalar: table.scalar,
+            opacity: table.opacity,
+            nodes: geometry.projected.len(),
+            corners: geometry.corners(),
+            cap: geometry.tet_count().saturating_add(CAP_SLACK),
+            layers: table.layers,
+            reach: table.reach,
+            light: self.options.light.to_gpu(),
+            ..LocalView::new(camera, &geometry.frame, window).to_gpu()
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! What dims the light at each node, on the GPU: made when the nodes have moved, or what is seen of
+//! the body has changed.
+
+use super::Raycaster;
+use crate::Result;
+use crate::gpu::{Array, Pass, Recorder, Texel};
+use crate::render::light::FAINT;
+use crate::render::shadows::{Fineness, OUT, Ways};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/render/shadow_bounds.wgsl`.
+        pub struct Bounds {
+            pub nodes: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/render/shadow_fill.wgsl`.
+        pub struct Fill {
+            pub tets: u32,
+            pub cells: u32,
+            pub points: u32,
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/render/shadow_march.wgsl`.
+        pub struct March {
+            pub nodes: u32,
+            pub cells: u32,
+            pub ways: u32,
+            pub steps: u32,
+            pub opacity: f32,
+            pub gain: f32,
+            pub strength: f32,
+            pub out: f32,
+            pub faint: f32,
+        }
+    }
+}
+
+/// The passes, and what they make.
+pub(super) struct Shadows {
+    /// Gradients at the nodes, and in w the share of light.
+    pub lit: Array,
+    grid: wgpu::Buffer,
+    empty: wgpu::Buffer,
+    passes: [Pass; 3],
+    /// Of the positions that it was made of, and of the geometry.
+    made_of: Option<u64>,
+    generation: u64,
+}
+
+impl Raycaster {
+    /// Records what the shadows of the picture need, if it has any, after the gradients, which were
+    /// made `anew` or not.
+    pub(super) fn record_shadows(&mut self, work: &mut Recorder, anew: bool) -> Result<()> {
+        let generation = self.geometry.generation;
+        if self
+            .shadows
+            .as_ref()
+            .is_none_or(|s| s.generation != generation)
+        {
+            self.shadows = self.make_shadows()?;
+        }
+        let version = Some(self.geometry.positions.version());
+        if let Some(shadows) = &mut self.shadows
+            && (anew || shadows.made_of != version)
+        {
+            shadows.made_of = version;
+            let (empty, grid) = (&shadows.empty, &shadows.grid);
+            work.encoder()
+                .copy_buffer_to_buffer(empty, 0, grid, 0, empty.size());
+            shadows.passes.iter().for_each(|pass| pass.record(work));
+        }
+        Ok(())
+    }
+
+    fn make_shadows(&self) -> Result<Option<Shadows>> {
+        let (gpu, geometry, looks) = (&self.gpu, &self.geometry, &self.looks);
+        // Surfaces alone dim nothing.
+        let gradients = geometry.gradients().filter(|_| looks.inside().volume);
+        let Some(gradients) = gradients else {
+            return Ok(None);
+        };
+        let nodes = geometry.projected.len();
+        let Fineness { cells, points } = Fineness::of(geometry.tet_count() as usize);
+        // The least of each axis begins above, the largest below all numbers.
+        let mut empty = vec![0u32; 6 + cells as usize];
+        empty[..3].fill(u32::MAX);
+        let grid = gpu.buffer_of("grid of shadows", &empty)?;
+        let empty = gpu.buffer_of("grid of shadows, empty", &empty)?;
+        let ways = Ways::to(self.options.light, cells);
+        let list: Vec<[f32; 4]> = ways
+            .list
+            .iter()
+            .map(|w| w.as_vec3().extend(0.0).to_array())
+            .collect();
+        let directions = gpu.array_of("directions to the light", Texel::F32x4, &list)?;
+        let lit = gpu.array("lit gradients", Texel::F32x4, nodes as usize)?;
+        let resting = looks.inside().needs_rest();
+        let rests = geometry.rests().filter(|_| resting).unwrap_or(&looks.cuts);
+        let flag = |on: bool| f64::from(u8::from(on));
+        let [clips, ..] = looks.inside().counts();
+        let bounds = gpu
+            .pass("render/shadow_bounds")
+            .read(&geometry.positions)
+            .write(&grid)
+            .params(&gpu_data::Bounds { nodes })
+            .over(nodes)?;
+        let fill = gpu
+            .pass("render/shadow_fill")
+            .constant("CELLS", flag(geometry.per_cell))
+            .constant("REGIONS", flag(looks.rows().is_some()))
+            .constant("CLIPS", clips as f64)
+            .constant("RESTING", flag(resting))
+            .read(&geometry.positions)
+            .read(&geometry.scalars)
+            .read(&geometry.tets)
+            .read(&geometry.cells)
+            .read(&looks.colours)
+            .read(looks.rows().unwrap_or(&self.no_rows))
+            .read(&looks.cuts)
+            .read(rests)
+            .write(&grid)
+            .params(&gpu_data::Fill {
+                tets: geometry.tet_count(),
+                cells,
+                points,
+            })
+            .over(geometry.tet_count())?;
+        let march = gpu
+            .pass("render/shadow_march")
+            .read(&geometry.positions)
+            .read(gradients)
+            .read(&directions)
+            .read(&grid)
+            .write(&lit)
+            .params(&gpu_data::March {
+                nodes,
+                cells,
+                ways: list.len() as u32,
+                steps: ways.steps,
+                opacity: looks.table.opacity,
+                gain: ways.gain as f32,
+                strength: self.options.shadows as f32,
+                out: OUT as f32,
+                faint: FAINT as f32,
+            })
+            .over(nodes)?;
+        Ok(Some(Shadows {
+            lit,
+            grid,
+            empty,
+            passes: [bounds, fill, march],
+            made_of: None,
+            generation: self.geometry.generation,
+        }))
+    }
+
+    /// The gradients that light sees at the nodes, xyz in the local frame, and in w the share of
+    /// light that comes there, where there are shadows: as of the last picture that had any.
+    pub fn lit_gradients(&self) -> Option<&Array> {
+        self.shadows.as_ref().map(|s| &s.lit)
+    }
+}

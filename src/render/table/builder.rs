@@ -1,0 +1,291 @@
+//! Tables that are looked up through a sampler, built on the GPU: slices, the paper's volume, and
+//! the transfer function itself.
+
+use super::pieces::{Pieces, gpu_data::Piece};
+use super::{Table, TableForm, TableTexel, Wanted};
+use crate::Result;
+use crate::gpu::{Gpu, Pass};
+
+mod gpu_data {
+    crate::gpu_struct! {
+        pub(super) struct Limit {
+            pub size: u32,
+            pub pieces: u32,
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Slice {
+            pub size: u32,
+            pub half_depth: f32,
+        }
+    }
+    crate::gpu_struct! {
+        pub(super) struct Slab {
+            pub size: u32,
+            pub layer: u32,
+            pub depth: f32,
+        }
+    }
+}
+
+/// Slices an octave of depth, as log₂; `terms/slices.wgsl` has the same numbers.
+const OCTAVE_BITS: u32 = 2;
+/// The first octave of depths begins at 2 to this.
+const FIRST_OCTAVE: i32 = -5;
+/// Octaves at most: WebGPU's 256 layers hold 64, and depths beyond 2¹⁹ are opaque.
+const MOST_OCTAVES: u32 = 24;
+/// Slices reach to segments this long, in local units: longer than any body stays.
+const LONGEST: f64 = 4.0;
+/// Texels along the scalar where nothing is integrated beforehand.
+const SAMPLED_SIZE: u32 = 4096;
+/// WebGPU's limit on the layers of a texture.
+const MOST_LAYERS: u32 = 256;
+/// Layers of the volume, and the depth of the last at most: a layer a sixteenth, so that
+/// interpolation between them misses little.
+const VOLUME_LAYERS: u32 = 129;
+const VOLUME_REACH: f64 = 8.0;
+
+/// The textures of a table that is looked up through a sampler, and the passes that fill them.
+pub(super) fn table(gpu: &Gpu, pieces: &Pieces, opacity: f64, wanted: &Wanted) -> Result<Table> {
+    let size = match (wanted.form, wanted.size) {
+        (TableForm::Samples(_), _) => SAMPLED_SIZE,
+        (_, Some(size)) => size,
+        (_, None) => pieces.table_size(opacity, wanted.accuracy),
+    };
+    let (layers, reach) = match wanted.form {
+        TableForm::Sliced => (slices(opacity * LONGEST), 1.0),
+        TableForm::Volume => (
+            wanted.size.map_or(VOLUME_LAYERS, |n| n.min(MOST_LAYERS)),
+            (opacity * wanted.longest).clamp(1e-6, VOLUME_REACH) as f32,
+        ),
+        _ => (1, 1.0),
+    };
+    let height = match wanted.form {
+        TableForm::Samples(_) => 1,
+        _ => size,
+    };
+    let texture = gpu.texture(
+        "pre-integrated table",
+        [size, height, layers],
+        wanted.texel.format(),
+        wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::STORAGE_BINDING
+            | wgpu::TextureUsages::COPY_SRC,
+    )?;
+    let builder = Builder {
+        gpu,
+        size,
+        height,
+        texel: wanted.texel,
+        texture: &texture,
+        limit: work_texture(gpu, [size, height], WORK)?,
+        halves: work_texture(gpu, [size, height], TableTexel::Half.format())?,
+    };
+    let mut passes = Vec::new();
+    match wanted.form {
+        TableForm::Sliced => {
+            passes.push(builder.limit_pass(&pieces.list)?);
+            builder.slices(layers, &mut passes)?;
+        }
+        TableForm::Volume => {
+            passes.push(builder.limit_pass(&pieces.list)?);
+            builder.volume(layers, reach, &mut passes)?;
+        }
+        _ => builder.samples(&pieces.list, &mut passes)?,
+    }
+    let view = texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    });
+    Ok(Table {
+        form: wanted.form,
+        view,
+        size,
+        layers,
+        reach,
+        opacity: opacity as f32,
+        // Texel centres at the ends.
+        scalar: [(size as f32 - 1.0) / size as f32, 0.5 / size as f32],
+        constants: match wanted.form {
+            TableForm::Samples(n) => vec![("SAMPLES", f64::from(n))],
+            TableForm::Volume => vec![("ENOUGH", wanted.opaque)],
+            _ => Vec::new(),
+        },
+        passes,
+    })
+}
+
+/// Slices needed for depths up to `depth`.
+fn slices(depth: f64) -> u32 {
+    let octaves = depth.max(1e-9).log2().ceil() as i32 - FIRST_OCTAVE;
+    (octaves.clamp(1, MOST_OCTAVES as i32) as u32) << OCTAVE_BITS
+}
+
+/// The depth in the middle of slice `k`.
+fn slice_depth(k: u32) -> f64 {
+    let steps = 1u32 << OCTAVE_BITS;
+    let within = (f64::from(k % steps) + 0.5) / f64::from(steps);
+    2f64.powi(FIRST_OCTAVE + (k / steps) as i32) * (1.0 + within)
+}
+
+/// What a table is made in.
+const WORK: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+
+fn work_texture(
+    gpu: &Gpu,
+    size: [u32; 2],
+    format: wgpu::TextureFormat,
+) -> Result<wgpu::TextureView> {
+    gpu.target(
+        "table work",
+        size,
+        format,
+        wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+    )
+}
+
+struct Builder<'a> {
+    gpu: &'a Gpu,
+    size: u32,
+    height: u32,
+    texel: TableTexel,
+    texture: &'a wgpu::Texture,
+    limit: wgpu::TextureView,
+    /// What passes write in place of a layer that is not of half floats.
+    halves: wgpu::TextureView,
+}
+
+impl Builder<'_> {
+    fn groups(&self) -> [u32; 3] {
+        [self.size.div_ceil(8), self.height.div_ceil(8), 1]
+    }
+
+    fn work(&self) -> Result<wgpu::TextureView> {
+        work_texture(self.gpu, [self.size, self.height], WORK)
+    }
+
+    /// Where a pass writes layer `k`; see [`Builder::keep`].
+    fn written(&self, k: u32) -> wgpu::TextureView {
+        match self.texel {
+            TableTexel::Half => self.layer(k),
+            _ => self.halves.clone(),
+        }
+    }
+
+    /// Brings `whole` into layer `k` where the pass that made it could not.
+    fn keep(&self, whole: &wgpu::TextureView, k: u32, passes: &mut Vec<Pass>) -> Result<()> {
+        let shader = match self.texel {
+            TableTexel::Half => return Ok(()),
+            TableTexel::Byte => "render/table_bytes",
+            TableTexel::Single => "render/table_singles",
+        };
+        let layer = self.layer(k);
+        let pass = self.gpu.pass(shader).read(whole).write(&layer);
+        passes.push(pass.over_groups(self.groups())?);
+        Ok(())
+    }
+
+    fn layer(&self, k: u32) -> wgpu::TextureView {
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer: k,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    }
+
+    fn limit_pass(&self, pieces: &[Piece]) -> Result<Pass> {
+        let buffer = self.gpu.buffer_of("transfer pieces", pieces)?;
+        self.gpu
+            .pass("render/table_limit")
+            .read(&buffer)
+            .write(&self.limit)
+            .params(&gpu_data::Limit {
+                size: self.size,
+                pieces: pieces.len() as u32,
+            })
+            .over_groups(self.groups())
+    }
+
+    /// Each slice from the one an octave before it.
+    fn slices(&self, layers: u32, passes: &mut Vec<Pass>) -> Result<()> {
+        let octave = 1 << OCTAVE_BITS;
+        let ring: Vec<_> = (0..2 * octave)
+            .map(|_| self.work())
+            .collect::<Result<_>>()?;
+        for k in 0..layers as usize {
+            let halves = match k.checked_sub(octave) {
+                Some(before) => &ring[before % ring.len()],
+                None => &self.limit,
+            };
+            let whole = &ring[k % ring.len()];
+            passes.push(
+                self.gpu
+                    .pass("render/table_slice")
+                    .read(halves)
+                    .write(whole)
+                    .write(&self.written(k as u32))
+                    .params(&gpu_data::Slice {
+                        size: self.size,
+                        half_depth: (0.5 * slice_depth(k as u32)) as f32,
+                    })
+                    .over_groups(self.groups())?,
+            );
+            self.keep(whole, k as u32, passes)?;
+        }
+        Ok(())
+    }
+
+    /// Colour and extinction themselves, along one line.
+    fn samples(&self, pieces: &[Piece], passes: &mut Vec<Pass>) -> Result<()> {
+        let buffer = self.gpu.buffer_of("transfer pieces", pieces)?;
+        passes.push(
+            self.gpu
+                .pass("render/table_samples")
+                .read(&buffer)
+                .write(&self.limit)
+                .write(&self.written(0))
+                .params(&gpu_data::Limit {
+                    size: self.size,
+                    pieces: pieces.len() as u32,
+                })
+                .over_groups(self.groups())?,
+        );
+        self.keep(&self.limit, 0, passes)
+    }
+
+    /// Each layer from a first slab and the layer before it.
+    fn volume(&self, layers: u32, reach: f32, passes: &mut Vec<Pass>) -> Result<()> {
+        let slab = self.work()?;
+        let others = [self.work()?, self.work()?];
+        for k in 0..layers {
+            let [first, before, whole] = match k {
+                0 => [&self.limit, &self.limit, &others[0]],
+                1 => [&self.limit, &self.limit, &slab],
+                2 => [&slab, &slab, &others[0]],
+                _ => [
+                    &slab,
+                    &others[(k as usize - 1) % 2],
+                    &others[k as usize % 2],
+                ],
+            };
+            passes.push(
+                self.gpu
+                    .pass("render/table_volume")
+                    .read(&self.limit)
+                    .read(first)
+                    .read(before)
+                    .write(whole)
+                    .write(&self.written(k))
+                    .params(&gpu_data::Slab {
+                        size: self.size,
+                        layer: k,
+                        depth: reach / (layers - 1) as f32,
+                    })
+                    .over_groups(self.groups())?,
+            );
+            self.keep(whole, k, passes)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,174 @@
+//! Integrals of the transfer function over the scalar s, in points: with extinction τ over the
+//! largest there is and colour c over the brightest,
+//!
+//! ```text
+//! P(s) = ∫₀ˢ τ,   C(s) = ∫₀ˢ c τ,   Q(s) = ∫₀ˢ c τ P.
+//! ```
+//!
+//! Between two points a and b a segment's mean extinction is (P(b) − P(a)) / (b − a), and its mean
+//! colour (C(b) − C(a)) / (P(b) − P(a)), as if nothing in it hid anything. What is in front hides
+//! what is behind it in proportion to depth, to first order, which takes the moment
+//! Q(b) − Q(a) − P(a) (C(b) − C(a)); see `shaders/terms/integrals.wgsl`.
+
+use super::pieces::{Pieces, gpu_data::Piece};
+use super::{Table, TableForm, Wanted};
+use crate::Result;
+use crate::gpu::Gpu;
+
+/// Points from scalar 0 to scalar 1, and one beyond, so that each has one on either side.
+const POINTS: u32 = 4095;
+/// A unit of the integrals, which are in fixed point: differences are exact. `terms/integrals.wgsl`
+/// has the same number.
+const UNIT: f64 = 2_147_483_000.0;
+/// Mean depth of a segment up to which one look-up keeps a picture within half a level, of smooth
+/// functions and of spiky ones: the error grows as its square.
+const THIN: f64 = 0.25;
+const THIN_ERROR: f64 = 0.25 / 255.0;
+
+/// Whether segments are so thin that one look-up each does for `wanted`.
+pub(super) fn do_for(pieces: &[Pieces], wanted: &Wanted) -> bool {
+    // Over the body's scalars as they occur, of the densest function.
+    let mean = |p: &Pieces| {
+        let sums = Row::of(p, 1.0, 1.0).values;
+        let parts = wanted.spread.len();
+        let up_to = |k: usize| {
+            sums.get(k * (POINTS as usize - 1) / parts)
+                .map_or(0.0, |s| s.p)
+        };
+        let part = |(k, share): (usize, &f64)| share * (up_to(k + 1) - up_to(k));
+        let whole: f64 = wanted.spread.iter().enumerate().map(part).sum();
+        p.max_extinction * whole * parts as f64
+    };
+    let mean = pieces.iter().map(mean).fold(0.0, f64::max);
+    let thin = THIN * (wanted.accuracy / THIN_ERROR).sqrt();
+    mean * wanted.scale * wanted.mean <= thin
+}
+
+/// The table of several transfer functions, two rows each: C and P, then Q. `most` is the largest
+/// extinction, `opacity` the same in the table's unit.
+pub(super) fn table(
+    gpu: &Gpu,
+    pieces: &[Pieces],
+    (most, opacity): (f64, f64),
+    wanted: &Wanted,
+) -> Result<Table> {
+    let colours = pieces.iter().flat_map(|p| &p.list);
+    let colours = colours.flat_map(|p| p.first.into_iter().chain(p.last));
+    let brightest = f64::from(colours.fold(1.0, f32::max));
+    let rows: Vec<Row> = pieces
+        .iter()
+        .map(|p| Row::of(p, p.max_extinction / most.max(f64::MIN_POSITIVE), brightest))
+        .collect();
+    let size = [POINTS + 1, 2 * rows.len() as u32, 1];
+    let texture = gpu.texture(
+        "pre-integrated table",
+        size,
+        wgpu::TextureFormat::Rgba32Uint,
+        wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::STORAGE_BINDING
+            | wgpu::TextureUsages::COPY_DST,
+    )?;
+    let texels: Vec<[u32; 4]> = rows.iter().flat_map(|row| row.texels()).collect();
+    gpu.queue().write_texture(
+        texture.as_image_copy(),
+        bytemuck::cast_slice(&texels),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(16 * size[0]),
+            rows_per_image: None,
+        },
+        texture.size(),
+    );
+    Ok(Table {
+        form: TableForm::Integrals,
+        view: texture.create_view(&wgpu::TextureViewDescriptor::default()),
+        size: POINTS,
+        layers: rows.len() as u32,
+        reach: 1.0,
+        opacity: opacity as f32,
+        scalar: [POINTS as f32 - 1.0, 0.0],
+        constants: vec![
+            ("PIECES", f64::from(u8::from(!do_for(pieces, wanted)))),
+            ("BRIGHTEST", brightest),
+        ],
+        passes: Vec::new(),
+    })
+}
+
+/// P, C and Q at a point.
+#[derive(Clone, Copy, Default)]
+struct Integral {
+    p: f64,
+    c: [f64; 3],
+    q: [f64; 3],
+}
+
+/// Those of one transfer function at all points.
+struct Row {
+    values: Vec<Integral>,
+}
+
+impl Row {
+    /// Of a function whose largest extinction is `share` of the unit.
+    fn of(pieces: &Pieces, share: f64, brightest: f64) -> Row {
+        let point = |k: u32| f64::from(k) / f64::from(POINTS - 1);
+        let mut values = vec![Integral::default()];
+        let mut sum = Integral::default();
+        let mut first = 0;
+        for k in 0..POINTS {
+            let (low, high) = (point(k), point(k + 1));
+            for (i, piece) in pieces.list.iter().enumerate().skip(first) {
+                let [from, _, to, _] = piece.ends.map(f64::from);
+                if from >= high {
+                    break;
+                }
+                if to <= low {
+                    first = i + 1;
+                    continue;
+                }
+                sum.add(piece, (low.max(from), high.min(to)), share, brightest);
+            }
+            values.push(sum);
+        }
+        Row { values }
+    }
+
+    fn texels(&self) -> impl Iterator<Item = [u32; 4]> {
+        let fixed = |x: f64| (x * UNIT).round().clamp(0.0, UNIT * 1.0002) as u32;
+        let texel = move |v: [f64; 3], w: f64| [v[0], v[1], v[2], w].map(fixed);
+        let sums = self.values.iter().map(move |v| texel(v.c, v.p));
+        let moments = self.values.iter().map(move |v| texel(v.q, 0.0));
+        sums.chain(moments)
+    }
+}
+
+impl Integral {
+    /// Goes on from `low` to `high`, both in one piece, along which c and τ are linear: three
+    /// points of Gauss and Legendre are exact up to the fifth power, and c τ P is of the fourth.
+    fn add(&mut self, piece: &Piece, (low, high): (f64, f64), share: f64, brightest: f64) {
+        let [from, t0, to, t1] = piece.ends.map(f64::from);
+        let along = |s: f64| (s - from) / (to - from);
+        let tau = |s: f64| share * (t0 + along(s) * (t1 - t0));
+        let colour = |s: f64, k: usize| {
+            let [a, b] = [piece.first, piece.last].map(|c| f64::from(c[k]));
+            (a + along(s) * (b - a)) / brightest
+        };
+        let start = self.p;
+        let below = |s: f64| start + 0.5 * (tau(low) + tau(s)) * (s - low);
+        let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let off = half * 0.6f64.sqrt();
+        for (s, weight) in [
+            (middle - off, 5.0 / 9.0),
+            (middle, 8.0 / 9.0),
+            (middle + off, 5.0 / 9.0),
+        ] {
+            let w = weight * half;
+            for k in 0..3 {
+                let emitted = w * colour(s, k) * tau(s);
+                self.c[k] += emitted;
+                self.q[k] += emitted * below(s);
+            }
+        }
+        self.p = below(high);
+    }
+}

@@ -1,0 +1,213 @@
+//! The pre-integrated table: colour and opacity of a ray segment from its two scalars and its
+//! length, made when the transfer function changes and never when the mesh moves.
+//!
+//! Integrals of colour and extinction over the scalar ([`integrals`]) give opacity 1 − exp(−τ̄ d)
+//! exactly, for any length, and the order of colours inside a segment to the second order of its
+//! depth. The sliced form holds mean colour and mean extinction for depths in quarter octaves:
+//! opacity is exact as well, and the order of colours is left to the nearest slice. The volume is
+//! the paper's: colour and opacity, linear in depth. Without integration beforehand, a line of
+//! texels holds the transfer function itself.
+//! Depths are lengths times the largest extinction times log₂ e.
+
+mod builder;
+mod integrals;
+mod pieces;
+
+use super::ResolvedTransfer;
+use crate::gpu::{Gpu, Pass};
+use crate::{Error, Result};
+use pieces::Pieces;
+
+/// How segments are looked up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum TableForm {
+    /// Integrals where a mesh's tets are thin enough for one look-up each, slices where not.
+    #[default]
+    Fitting,
+    /// Integrals of colour and extinction over the scalar, 4,096 points: the fastest where tets are
+    /// thin, exact in opacity, and alone with room for several transfer functions.
+    Integrals,
+    /// Slices of mean colour and mean extinction between every two scalars: exact in opacity.
+    Sliced,
+    /// The paper's three-dimensional table of colour and opacity.
+    Volume,
+    /// Nothing is integrated beforehand: the transfer function at so many points of each segment,
+    /// evenly spread, 1 to 64.
+    Samples(u32),
+}
+
+impl TableForm {
+    /// The term in `shaders/terms` that looks it up; `stored` says how the mesh is read.
+    pub(super) fn term(self, stored: bool) -> &'static str {
+        match self {
+            TableForm::Integrals if stored => "integrals_stored",
+            TableForm::Integrals => "integrals",
+            TableForm::Fitting | TableForm::Sliced => "slices",
+            TableForm::Volume => "slabs",
+            TableForm::Samples(_) => "points",
+        }
+    }
+
+    /// Whether it is looked up through a sampler.
+    pub(super) fn is_sampled(self) -> bool {
+        self != TableForm::Integrals
+    }
+
+    pub(super) fn check(self) -> Result<()> {
+        match self {
+            TableForm::Samples(n) if !(1..=64).contains(&n) => Err(Error::Input(format!(
+                "{n} samples a tet: choose from 1 to 64"
+            ))),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What a table's values are held in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum TableTexel {
+    /// Bytes, 256 levels from 0 to 1.
+    Byte,
+    /// Half floats: every device filters them.
+    #[default]
+    Half,
+    /// Floats, where the device filters them.
+    Single,
+}
+
+impl TableTexel {
+    fn format(self) -> wgpu::TextureFormat {
+        match self {
+            TableTexel::Byte => wgpu::TextureFormat::Rgba8Unorm,
+            TableTexel::Half => wgpu::TextureFormat::Rgba16Float,
+            TableTexel::Single => wgpu::TextureFormat::Rgba32Float,
+        }
+    }
+
+    pub(super) fn check(self, gpu: &Gpu) -> Result<()> {
+        if self == TableTexel::Single && !gpu.has(wgpu::Features::FLOAT32_FILTERABLE) {
+            return Err(Error::Input(
+                "this device does not filter 32-bit floats: use a table of half floats".into(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Sizes of a sampled table along each scalar.
+const SIZES: [u32; 4] = [64, 128, 256, 512];
+/// Sizes that may be asked for.
+pub(super) const TABLE_SIZES: std::ops::RangeInclusive<u32> = 8..=512;
+
+/// A table on the GPU, and the passes that fill it.
+pub(super) struct Table {
+    /// How it is looked up: not [`TableForm::Fitting`].
+    pub form: TableForm,
+    /// All layers, as its term reads them.
+    pub view: wgpu::TextureView,
+    /// Texels along each scalar.
+    pub size: u32,
+    /// Number of layers.
+    pub layers: u32,
+    /// Depth of the volume's last layer.
+    pub reach: f32,
+    /// Largest extinction per local unit, times log₂ e.
+    pub opacity: f32,
+    /// Table coordinate of a scalar s from 0 to 1: first · s + second.
+    pub scalar: [f32; 2],
+    /// The constants of its term.
+    constants: Vec<(&'static str, f64)>,
+    /// What fills it; none once that is submitted.
+    passes: Vec<Pass>,
+}
+
+/// What a table is made for.
+#[derive(Clone, Copy)]
+pub(super) struct Wanted<'a> {
+    /// How it is looked up.
+    pub form: TableForm,
+    /// What its values are held in, where they are sampled.
+    pub texel: TableTexel,
+    /// Texels along each scalar where they are sampled, if not chosen for `accuracy`.
+    pub size: Option<u32>,
+    /// The transfer functions, in file units: a row each of integrals, which alone can be several.
+    pub transfers: &'a [ResolvedTransfer],
+    /// The scalars it covers.
+    pub range: (f64, f64),
+    /// File units in a local unit.
+    pub scale: f64,
+    /// Longest segment to expect, in local units.
+    pub longest: f64,
+    /// Mean segment to expect, in local units.
+    pub mean: f64,
+    /// The share of the volume whose scalar lies in each of equal parts of the range.
+    pub spread: &'a [f64],
+    /// Error of a picture's values aimed for.
+    pub accuracy: f64,
+    /// The opacity at which rays end.
+    pub opaque: f64,
+}
+
+/// The transfer functions of `wanted` in pieces.
+fn pieces_of(wanted: &Wanted) -> Vec<Pieces> {
+    let pieces = |transfer| Pieces::new(transfer, wanted.range);
+    wanted.transfers.iter().map(pieces).collect()
+}
+
+/// The form that [`TableForm::Fitting`] stands for.
+fn chosen(pieces: &[Pieces], wanted: &Wanted) -> TableForm {
+    match wanted.form {
+        TableForm::Fitting if pieces.len() > 1 => TableForm::Integrals,
+        TableForm::Fitting if integrals::do_for(pieces, wanted) => TableForm::Integrals,
+        TableForm::Fitting => TableForm::Sliced,
+        form => form,
+    }
+}
+
+impl Table {
+    /// Whether it has the form that suits `wanted`.
+    pub fn suits(&self, wanted: &Wanted) -> bool {
+        // Nothing is chosen otherwise.
+        let fitting = wanted.form == TableForm::Fitting && wanted.transfers.len() == 1;
+        !fitting || self.form == chosen(&pieces_of(wanted), wanted)
+    }
+
+    /// Prepares the table's textures and passes; see [`Table::fill`].
+    pub fn new(gpu: &Gpu, wanted: &Wanted) -> Result<Table> {
+        let pieces = pieces_of(wanted);
+        let most = pieces.iter().map(|p| p.max_extinction).fold(0.0, f64::max);
+        let opacity = most * wanted.scale * std::f64::consts::LOG2_E;
+        if !(opacity as f32).is_finite() {
+            return Err(Error::Input(format!(
+                "an extinction of {most} per unit of length is too much for a mesh of extent {}",
+                wanted.scale
+            )));
+        }
+        let form = chosen(&pieces, wanted);
+        match (form, pieces.as_slice()) {
+            (TableForm::Integrals, _) => integrals::table(gpu, &pieces, (most, opacity), wanted),
+            (_, [only]) => builder::table(gpu, only, opacity, &Wanted { form, ..*wanted }),
+            _ => Err(Error::Input(
+                "a transfer function for each region needs a table of integrals, and another form was asked for".into(),
+            )),
+        }
+    }
+
+    /// The constants of its term.
+    pub fn constants(&self) -> &[(&'static str, f64)] {
+        &self.constants
+    }
+
+    /// Submits the building of the table, once: before all that reads it, whichever recording of
+    /// that is submitted, and in what order.
+    pub fn fill(&mut self, gpu: &Gpu) -> Result<()> {
+        if self.passes.is_empty() {
+            return Ok(());
+        }
+        let mut work = gpu.record();
+        self.passes.iter().for_each(|pass| pass.record(&mut work));
+        work.submit()?;
+        self.passes.clear();
+        Ok(())
+    }
+}

@@ -1,0 +1,73 @@
+//! Tools in pictures: surfaces that go where their tools are.
+
+use super::tool::look;
+use super::{Motion, Scene};
+use crate::Result;
+use crate::gpu::{Array, Gpu};
+use crate::mesh::{LocalFrame, TetMesh};
+use crate::physics::ToolPose;
+use crate::render::local_positions;
+use crate::skin::{Carrier, Skin};
+use glam::DVec3;
+
+/// The surface of a tool.
+pub(super) struct DrawnTool {
+    /// Which of the scene's it is.
+    number: usize,
+    /// In the tool's frame, file units.
+    vertices: Vec<DVec3>,
+    positions: Array,
+    frame: LocalFrame,
+    /// Where it is drawn.
+    pose: ToolPose,
+    pub skin: Skin,
+}
+
+impl DrawnTool {
+    /// Those of a scene that are drawn, on a body in that frame.
+    pub fn all(
+        gpu: &Gpu,
+        scene: &Scene,
+        (mesh, frame): (&TetMesh, LocalFrame),
+        motion: &Motion,
+    ) -> Result<Vec<DrawnTool>> {
+        let mut drawn = Vec::new();
+        for (number, surface) in scene.tool_surfaces(mesh)? {
+            let pose = motion.actors.tools[number].pose(motion.time());
+            let places: Vec<DVec3> = surface.vertices.iter().map(|p| pose.of_point(*p)).collect();
+            let positions = local_positions(gpu, &frame, &places)?;
+            let triangles = &surface.triangles;
+            let carrier = Carrier::with_area_normals(gpu, &positions, frame, &places, triangles)?;
+            let mut skin = Skin::bare(gpu, &carrier, None)?;
+            look(&scene.tool[number], &mut skin)?;
+            drawn.push(DrawnTool {
+                number,
+                vertices: surface.vertices,
+                positions,
+                frame,
+                pose,
+                skin,
+            });
+        }
+        Ok(drawn)
+    }
+
+    /// Brings it to where its tool is. Whether it was elsewhere.
+    pub fn follow(&mut self, gpu: &Gpu, motion: &Motion) -> Result<bool> {
+        let tool = &motion.actors.tools[self.number];
+        let pose = motion.simulator.loads().tool(tool.id)?;
+        if pose == self.pose {
+            return Ok(false);
+        }
+        self.pose = pose;
+        let local = |p: &DVec3| {
+            self.frame
+                .to_local(pose.of_point(*p))
+                .extend(0.0)
+                .to_array()
+        };
+        let places: Vec<[f32; 4]> = self.vertices.iter().map(local).collect();
+        gpu.write_array(&self.positions, &places)?;
+        Ok(true)
+    }
+}

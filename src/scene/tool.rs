@@ -1,0 +1,290 @@
+//! Tools of a scene: their shapes, their ways, and the surfaces that are drawn.
+
+use super::path::Way;
+use super::{Scene, ToolEntry};
+use crate::mesh::{TetMesh, TriMesh};
+use crate::mesher::Recipe;
+use crate::physics::{DistanceField, Shape, Simulator, Tool, ToolId, ToolPose};
+use crate::skin::{Skin, SkinColour};
+use crate::{Error, Result};
+use glam::{DQuat, DVec3};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Vertices around round tools.
+const AROUND: usize = 48;
+
+/// The colour of tools to which none was given.
+const GREY: [f32; 3] = [0.62, 0.66, 0.7];
+
+/// A plane is drawn so many diagonals of the body wide.
+const PLANE: f64 = 2.0;
+
+/// A tool on its way.
+#[derive(Clone, Debug)]
+pub(super) struct Guided {
+    /// In files of reactions.
+    pub name: String,
+    pub id: ToolId,
+    way: Way,
+    at: DVec3,
+    turn: DQuat,
+}
+
+impl Guided {
+    /// Where it is at `time`.
+    pub fn pose(&self, time: f64) -> ToolPose {
+        let (turned, moved) = self.way.at(time);
+        ToolPose::new(self.at + moved, turned * self.turn)
+    }
+
+    /// Whether it moves at all.
+    pub fn moves(&self) -> bool {
+        self.way.moves()
+    }
+}
+
+impl ToolEntry {
+    /// Puts the tool on `body`; what a user should know of it, in a sentence.
+    pub(super) fn guided(
+        &self,
+        number: usize,
+        body: &mut dyn Simulator,
+    ) -> Result<(Guided, Option<String>)> {
+        let name = self
+            .name
+            .clone()
+            .unwrap_or_else(|| format!("tool{}", number + 1));
+        let way = Way::new(
+            "tool",
+            (self.path.as_deref(), self.file.as_deref()),
+            (self.turn.as_deref(), self.axis),
+        )?;
+        let (at, turn) = self.stand()?;
+        let (turned, moved) = way.at(0.0);
+        let tool = Tool {
+            shape: self.shape()?,
+            pose: ToolPose::new(at + moved, turned * turn),
+            friction: self.friction.unwrap_or(0.0),
+            gap: self.gap,
+        };
+        let overlap = tool.overlap(body.mesh(), body.topology());
+        let note = (overlap.nodes > 0).then(|| {
+            format!(
+                "{} nodes of the boundary lie up to {:.3} inside the [[tool]] {name} where it starts; they are pushed out",
+                overlap.nodes, overlap.depth
+            )
+        });
+        let id = body.add_tool(tool)?;
+        let guided = Guided {
+            name,
+            id,
+            way,
+            at,
+            turn,
+        };
+        Ok((guided, note))
+    }
+
+    /// Where it is before it moves, and how it is turned.
+    fn stand(&self) -> Result<(DVec3, DQuat)> {
+        let along = DVec3::from(self.along.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
+        let at = DVec3::from(self.at);
+        if along == DVec3::ZERO || !at.is_finite() {
+            return Err(Error::Input(format!(
+                "a [[tool]] at {at} along {:?} makes no sense; give a point and a direction",
+                self.along.unwrap_or_default()
+            )));
+        }
+        Ok((at, DQuat::from_rotation_arc(DVec3::Z, along)))
+    }
+
+    fn shape(&self) -> Result<Shape> {
+        let given = [
+            self.sphere.map(|s| Shape::Sphere { radius: s.radius }),
+            self.capsule.map(|c| Shape::Capsule {
+                radius: c.radius,
+                length: c.length,
+            }),
+            self.cuboid.map(|b| Shape::Box {
+                half: 0.5 * DVec3::from(b.size),
+            }),
+            self.plane.map(|_| Shape::Plane),
+        ];
+        let mut shapes = given.into_iter().flatten();
+        match (shapes.next(), shapes.next(), &self.surface) {
+            (Some(shape), None, None) => Ok(shape),
+            (None, None, Some(file)) => {
+                Ok(Shape::Field(Arc::new(DistanceField::new(&read(file)?)?)))
+            }
+            _ => Err(Error::Input(
+                "a [[tool]] is one of `sphere`, `capsule`, `box`, `plane` and `surface`; give one of them".into(),
+            )),
+        }
+    }
+
+    /// Its surface in its own frame, as it is drawn on a body of that diagonal.
+    pub(super) fn surface(&self, diagonal: f64) -> Result<TriMesh> {
+        Ok(match self.shape()? {
+            Shape::Sphere { radius } => round(radius, 0.0),
+            Shape::Capsule { radius, length } => round(radius, length),
+            Shape::Box { half } => cuboid(half),
+            Shape::Plane => square(0.5 * PLANE * diagonal),
+            Shape::Field(_) => match &self.surface {
+                Some(file) => read(file)?,
+                None => TriMesh::default(),
+            },
+        })
+    }
+}
+
+/// Gives the surface of a tool its looks.
+pub(super) fn look(entry: &ToolEntry, skin: &mut Skin) -> Result<()> {
+    skin.set_colour(&SkinColour::Plain(entry.colour.unwrap_or(GREY)))?;
+    skin.set_opacity(entry.opacity.unwrap_or(1.0))
+}
+
+fn read(file: &Path) -> Result<TriMesh> {
+    let recipe = Recipe {
+        input: vec![file.to_path_buf()],
+        ..Recipe::default()
+    };
+    recipe.surface(0, &|_, _| {})
+}
+
+impl Scene {
+    /// Whether a tool bears the body from below, so that nothing else has to hold it.
+    pub(super) fn stands(&self) -> bool {
+        self.tool.iter().any(|tool| tool.plane.is_some())
+    }
+
+    /// The surfaces of the tools that are drawn, in their own frames, by the tools' numbers.
+    pub(super) fn tool_surfaces(&self, mesh: &TetMesh) -> Result<Vec<(usize, TriMesh)>> {
+        let (low, high) = mesh.bounds();
+        let drawn = self
+            .tool
+            .iter()
+            .enumerate()
+            .filter(|(_, tool)| !tool.hidden);
+        drawn
+            .map(|(i, tool)| Ok((i, tool.surface((high - low).length())?)))
+            .collect()
+    }
+}
+
+/// A ball that is drawn out by `length` along z.
+fn round(radius: f64, length: f64) -> TriMesh {
+    let rings = AROUND / 2;
+    let mut vertices = Vec::new();
+    // Both rings at the equator, so that the piece between is straight.
+    let heights = (0..=rings / 2)
+        .map(|k| (k, -0.5))
+        .chain((rings / 2..=rings).map(|k| (k, 0.5)));
+    for (k, end) in heights {
+        let polar = std::f64::consts::PI * k as f64 / rings as f64;
+        let (r, z) = (radius * polar.sin(), end * length - radius * polar.cos());
+        for n in 0..AROUND {
+            let angle = std::f64::consts::TAU * n as f64 / AROUND as f64;
+            vertices.push(DVec3::new(r * angle.cos(), r * angle.sin(), z));
+        }
+    }
+    let mut triangles = Vec::new();
+    let all = rings + 2;
+    for ring in 0..all - 1 {
+        for n in 0..AROUND {
+            let next = (n + 1) % AROUND;
+            let at = |ring: usize, n: usize| (ring * AROUND + n) as u32;
+            let [a, b, c, d] = [
+                at(ring, n),
+                at(ring, next),
+                at(ring + 1, next),
+                at(ring + 1, n),
+            ];
+            // At the poles, and between equators that are one, there is no area.
+            for t in [[a, b, c], [a, c, d]] {
+                let [p, q, r] = t.map(|v| vertices[v as usize]);
+                let area: DVec3 = (q - p).cross(r - p);
+                if area.length() > 1e-9 * radius * radius {
+                    triangles.push(t);
+                }
+            }
+        }
+    }
+    compact(vertices, triangles)
+}
+
+/// A box, every side with corners of its own, so that its edges are sharp.
+fn cuboid(half: DVec3) -> TriMesh {
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for axis in 0..3 {
+        for side in [-1.0, 1.0] {
+            let (u, v) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
+            let first = vertices.len() as u32;
+            for (a, b) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                vertices.push(half * (side * DVec3::AXES[axis] + a * u + b * v));
+            }
+            let corners = match side > 0.0 {
+                true => [[0, 1, 2], [0, 2, 3]],
+                false => [[0, 2, 1], [0, 3, 2]],
+            };
+            triangles.extend(corners.map(|t: [u32; 3]| t.map(|k| first + k)));
+        }
+    }
+    TriMesh {
+        vertices,
+        triangles,
+        ..TriMesh::default()
+    }
+}
+
+fn square(half: f64) -> TriMesh {
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+    TriMesh {
+        vertices: corners.map(|(x, y)| half * DVec3::new(x, y, 0.0)).to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..TriMesh::default()
+    }
+}
+
+/// Leaves out what no triangle uses.
+fn compact(vertices: Vec<DVec3>, mut triangles: Vec<[u32; 3]>) -> TriMesh {
+    let mut number = vec![u32::MAX; vertices.len()];
+    let mut kept = Vec::new();
+    for v in triangles.iter_mut().flatten() {
+        let own = &mut number[*v as usize];
+        if *own == u32::MAX {
+            *own = kept.len() as u32;
+            kept.push(vertices[*v as usize]);
+        }
+        *v = *own;
+    }
+    TriMesh {
+        vertices: kept,
+        triangles,
+        ..TriMesh::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn volume(surface: &TriMesh) -> f64 {
+        let of = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| surface.vertices[v as usize]);
+            a.dot(b.cross(c)) / 6.0
+        };
+        surface.triangles.iter().map(of).sum()
+    }
+
+    #[test]
+    fn surfaces_enclose_their_shapes() {
+        let pi = std::f64::consts::PI;
+        let ball = volume(&round(2.0, 0.0)) / (4.0 / 3.0 * pi * 8.0);
+        assert!(ball < 1.0 && ball > 0.98, "{ball}");
+        let capsule = volume(&round(1.0, 3.0)) / (4.0 / 3.0 * pi + 3.0 * pi);
+        assert!(capsule < 1.0 && capsule > 0.98, "{capsule}");
+        let block = volume(&cuboid(DVec3::new(1.0, 2.0, 3.0)));
+        assert!((block - 48.0).abs() < 1e-12, "{block}");
+    }
+}

@@ -1,0 +1,197 @@
+//! A transfer function for each region, against the float64 form.
+
+use crate::render::common::*;
+use crate::render::planes::{Seen, bent, insides};
+use glam::DVec3;
+use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::render::*;
+use palpate::scene::{Scene, Stage};
+
+/// Four regions: as the rest, in one colour, by another preset, and hidden.
+fn looks(mesh: &TetMesh) -> RegionLooks {
+    let preset = |name| TransferFunction::preset(name).unwrap();
+    let (low, high) = mesh.bounds();
+    let size = high - low;
+    let of_tet = |t: usize| {
+        let middle = mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0;
+        let u = (middle - low) / size;
+        match (u.x + 0.3 * u.y, u.z) {
+            (x, z) if x < 0.4 && z < 0.6 => Some(1),
+            (x, _) if x < 0.7 => Some(0),
+            (_, z) if z < 0.5 => None,
+            _ => Some(2),
+        }
+    };
+    RegionLooks {
+        transfers: vec![
+            preset("viridis"),
+            preset("viridis")
+                .coloured([0.9, 0.5, 0.3])
+                .as_dense(2.0 / size.x, size.x),
+            preset("bone").denser(3.0),
+        ],
+        of_tets: (0..mesh.tets.len()).map(of_tet).collect(),
+    }
+}
+
+#[test]
+fn regions_are_those_of_the_float64_form() {
+    let gpu = gpu();
+    let round = generate::Bore::Round;
+    let bodies = [
+        (
+            "duct",
+            generate::duct([6, 6, 6], DVec3::ONE, round).unwrap(),
+        ),
+        ("limb", generate::by_name("limb", Some(2_000)).unwrap()),
+        ("foot", generate::by_name("foot", Some(5_000)).unwrap()),
+    ];
+    for (name, mesh) in &bodies {
+        let outside = Camera::framing(mesh);
+        let mut within = outside;
+        within.eye = mesh.tet_nodes(mesh.tets.len() / 2).iter().sum::<DVec3>() / 4.0;
+        for (walk, light, camera, positions) in [
+            (Walk::Vertices, Light::Head, outside, bent(mesh)),
+            (Walk::Planes, Light::None, outside, mesh.nodes.clone()),
+            (Walk::Planes, Light::Head, within, bent(mesh)),
+        ] {
+            let mut seen = Seen::new(&gpu, mesh, &positions, walk, light);
+            let all = insides(mesh, &seen.scalars.clone());
+            let plain = seen
+                .caster
+                .image(&camera, [64, 64], Mode::Composite)
+                .unwrap();
+            seen.look(looks(mesh));
+            for (what, inside) in [&all[0], &all[all.len() - 1]] {
+                let (far, rms, image) = seen.compare(&camera, inside);
+                println!("{name} {walk:?} {light:?} {what}: rms {rms:.3}, far {far:.4}");
+                keep(&image, &format!("regions_{name}_{walk:?}_{what}.png"));
+                // Where a region is hidden its faces are edges.
+                assert!(
+                    rms < 0.5 && far < 0.01,
+                    "{name} {walk:?} {what}: {rms} {far}"
+                );
+                let changed = image.values.iter().zip(&plain.values);
+                let changed: f64 = changed.map(|(a, b)| f64::from((a - b).abs())).sum();
+                // An eye inside may see little but the region that it is in.
+                let from_inside = camera == within;
+                assert!(
+                    from_inside || changed / image.values.len() as f64 > 0.003,
+                    "{name} {what} {changed}"
+                );
+            }
+            if camera == within {
+                continue;
+            }
+            // Another region hidden is told apart.
+            let mut other = looks(mesh);
+            for look in &mut other.of_tets {
+                *look = look.map_or(Some(1), |k| (k != 1).then_some(k));
+            }
+            seen.caster.set_regions(Some(&other)).unwrap();
+            let (far, rms, _) = seen.compare(&camera, &all[0].1);
+            assert!(far > 0.05 || rms > 1.0, "{name}: {far} {rms}");
+        }
+    }
+}
+
+#[test]
+fn projections_pass_over_what_is_hidden() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(6, false).unwrap();
+    let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Walk::Vertices, Light::None);
+    let camera = peers_camera();
+    let looks = RegionLooks {
+        transfers: vec![TransferFunction::preset("viridis").unwrap()],
+        of_tets: vec![None; mesh.tets.len()],
+    };
+    seen.caster.set_regions(Some(&looks)).unwrap();
+    for mode in [Mode::Composite, Mode::Maximum, Mode::Mean, Mode::Thickness] {
+        let image = seen.caster.image(&camera, [32, 32], mode).unwrap();
+        assert!(image.values.iter().all(|v| *v == 0.0), "{mode:?}");
+    }
+    seen.caster.set_regions(None).unwrap();
+    let image = seen
+        .caster
+        .image(&camera, [32, 32], Mode::Composite)
+        .unwrap();
+    assert!(image.values.iter().any(|v| *v > 0.1));
+}
+
+#[test]
+fn regions_that_make_no_sense_are_refused() {
+    let gpu = gpu();
+    let mesh = generate::benchmark_cube(3, false).unwrap();
+    let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Walk::Vertices, Light::None);
+    let own = looks(&mesh);
+    let mut said = |looks: &RegionLooks| {
+        seen.caster
+            .set_regions(Some(looks))
+            .unwrap_err()
+            .to_string()
+    };
+    let few = RegionLooks {
+        of_tets: vec![Some(0); 5],
+        ..own.clone()
+    };
+    assert!(said(&few).contains("looks for 5 tets"));
+    let none = RegionLooks {
+        transfers: Vec::new(),
+        ..own.clone()
+    };
+    assert!(said(&none).contains("0 transfer functions"));
+    let beyond = RegionLooks {
+        of_tets: vec![Some(9); mesh.tets.len()],
+        ..own.clone()
+    };
+    assert!(said(&beyond).contains("transfer function 9"));
+    let sliced = RaycastOptions {
+        table: TableForm::Sliced,
+        ..RaycastOptions::default()
+    };
+    seen.caster.set_options(sliced).unwrap();
+    let error = seen.caster.set_regions(Some(&own)).unwrap_err().to_string();
+    assert!(error.contains("table of integrals"), "{error}");
+}
+
+#[test]
+fn a_scene_says_what_its_regions_look_like() {
+    let gpu = gpu();
+    let mut mesh = generate::benchmark_cube(5, false).unwrap();
+    let half = |t: usize| f64::from(u8::from(mesh.tet_nodes(t).iter().sum::<DVec3>().x > 2.0));
+    let labels: Vec<f64> = (0..mesh.tets.len()).map(|t| 1.0 + half(t)).collect();
+    mesh.fields
+        .push(Field::scalar("label", Location::Cell, labels));
+    mesh.region_names.insert(2, "bone".into());
+    let image = |picture: &str| {
+        let text = format!(
+            "[mesh]\nfile = \"cube.vtu\"\n[light]\nfrom = \"none\"\n[picture]\nsize = [48, 48]\n{picture}"
+        );
+        let scene = Scene::parse(&text)?;
+        Stage::with_mesh(&gpu, &scene, mesh.clone())?.image()
+    };
+    let seen = |image: &Image, red: bool| {
+        let count = image
+            .values
+            .chunks(4)
+            .filter(|p| (p[3] > 0.05) && ((p[0] > 4.0 * p[1].max(p[2])) == red));
+        count.count()
+    };
+    let red = image("[picture.region.bone]\ncolour = \"#ff0000\"\n").unwrap();
+    assert!(seen(&red, true) > 100, "{}", seen(&red, true));
+    let gone = image("hide = [\"bone\"]\n[picture.region.1]\ncolour = \"red\"\n").unwrap();
+    assert!(seen(&gone, true) > 100 && seen(&gone, false) == 0);
+    let faint = image("[picture.region.bone]\ncolour = \"red\"\nopacity = 0.1\n").unwrap();
+    let sum = |i: &Image| i.values.iter().skip(3).step_by(4).sum::<f32>();
+    assert!(sum(&faint) < 0.9 * sum(&red));
+    for (picture, expected) in [
+        ("hide = [\"heart\"]", "heart"),
+        ("hide = [\"7\"]", "no tet of the mesh is of region 7"),
+        ("[picture.region.bone]\nopacity = 2", "opacity = 2"),
+        ("[picture.region.bone]\ncolour = \"reddish\"", "no colour"),
+        ("[picture.region.bone]\nshown = true", "unknown field"),
+    ] {
+        let error = image(picture).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}

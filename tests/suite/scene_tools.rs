@@ -1,0 +1,322 @@
+//! Tools as scenes say them, and in pictures.
+
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::physics::{Engine, Reaction};
+use palpate::render::Image;
+use palpate::scene::{ReactionLog, Scene, Stage};
+
+/// A box of 100 mm, pinned below.
+const BOX: &str = r#"
+[mesh]
+generate = "box"
+tets = 1296
+unit = 1.0
+[material]
+model = "neo-hookean"
+young = 2e4
+poisson = 0.3
+density = 1000
+[solver]
+name = "implicit"
+dt = 0.05
+gravity = [0, 0, 0]
+[[pin]]
+name = "table"
+axis = "z"
+below = 0.01
+[picture]
+size = [48, 36]
+"#;
+
+const FINGER: &str = r#"
+[[tool]]
+name = "finger"
+sphere = { radius = 0.02 }
+at = [0.05, 0.05, 0.125]
+path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02]]
+"#;
+
+fn stage(text: &str) -> Stage {
+    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
+}
+
+fn run(stage: &mut Stage, steps: u32) {
+    stage.run(steps, &mut |_| {}).unwrap();
+}
+
+fn reaction(stage: &mut Stage, name: &str) -> Reaction {
+    let all = stage.reactions().unwrap();
+    let found = all.iter().find(|(own, _)| own == name);
+    found.unwrap_or_else(|| panic!("no {name} in {all:?}")).1
+}
+
+fn positions(stage: &Stage) -> Vec<DVec3> {
+    stage.motion().unwrap().positions().unwrap()
+}
+
+#[test]
+fn a_finger_presses_and_the_table_bears_it() {
+    let mut stage = stage(&format!("{BOX}{FINGER}"));
+    assert_eq!(stage.motion().unwrap().engine(), Engine::Cpu);
+    let file = std::env::temp_dir().join(format!("palpate-tools-{}.csv", std::process::id()));
+    let mut log = ReactionLog::create(&file).unwrap();
+    log.push(&mut stage).unwrap();
+    run(&mut stage, 4);
+    log.push(&mut stage).unwrap();
+    run(&mut stage, 30);
+    log.push(&mut stage).unwrap();
+    let (finger, table) = (
+        reaction(&mut stage, "finger"),
+        reaction(&mut stage, "table"),
+    );
+    assert!(finger.force.z > 0.1, "{finger:?}");
+    let off = (finger.force + table.force).length();
+    assert!(off < 0.01 * finger.force.z, "{finger:?} {table:?}");
+    // Pressed in the middle, it is neither pushed aside nor turned.
+    assert!(finger.force.truncate().length() < 0.1 * finger.force.z);
+    assert!(finger.moment.length() < 0.1 * 0.02 * finger.force.z);
+    let text = std::fs::read_to_string(&file).unwrap();
+    let rows: Vec<&str> = text.lines().filter(|l| l.contains(",finger,")).collect();
+    assert_eq!(rows.len(), 3, "{text}");
+    let z = |row: &str| row.split(',').nth(4).unwrap().parse::<f64>().unwrap();
+    assert_eq!(z(rows[0]), 0.0);
+    assert!((z(rows[2]) - finger.force.z).abs() < 1e-12);
+    let report = stage.measure(1).unwrap();
+    assert_eq!(report.tools.len(), 1);
+    assert_eq!(report.tools[0].name, "finger");
+    // No node of the boundary is inside.
+    let centre = DVec3::new(0.05, 0.05, 0.105);
+    let nearest = positions(&stage)
+        .iter()
+        .map(|x| x.distance(centre))
+        .fold(1.0, f64::min);
+    assert!(nearest > 0.02 && nearest < 0.025, "{nearest}");
+    std::fs::remove_file(&file).unwrap();
+}
+
+#[test]
+fn a_surface_presses_as_the_ball_that_it_is_and_friction_drags() {
+    let force = |tool: &str, more: &str| {
+        let text = FINGER.replace("sphere = { radius = 0.02 }", tool);
+        let mut stage = stage(&format!("{BOX}{text}{more}"));
+        run(&mut stage, 12);
+        reaction(&mut stage, "finger").force
+    };
+    let ball = force("sphere = { radius = 0.02 }", "");
+    let folder = std::env::temp_dir().join(format!("palpate-ball-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("ball.obj");
+    std::fs::write(&file, sphere(0.02)).unwrap();
+    let surface = force(&format!("surface = {:?}", file.to_str().unwrap()), "");
+    assert!((surface.z / ball.z - 1.0).abs() < 0.05, "{surface} {ball}");
+    let capsule = force(
+        "capsule = { radius = 0.02, length = 0.04 }\nalong = [1, 0, 0]",
+        "",
+    );
+    assert!(capsule.z > 1.5 * ball.z, "{capsule} {ball}");
+    let aside = "path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02], [0.6, 0.02, 0, -0.02]]";
+    let drag = |friction: &str| {
+        let text = FINGER.replace("path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02]]", aside);
+        let mut stage = stage(&format!("{BOX}{text}{friction}"));
+        run(&mut stage, 12);
+        reaction(&mut stage, "finger").force
+    };
+    let [smooth, rough] = ["", "friction = 0.3\n"].map(drag);
+    assert!(-rough.x > -smooth.x + 0.1 * rough.z, "{smooth} {rough}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// A ball as an OBJ file has it.
+fn sphere(radius: f64) -> String {
+    let (rings, around) = (24, 32);
+    let mut text = format!("v 0 0 {radius}\nv 0 0 -{radius}\n");
+    for k in 1..rings {
+        let polar = std::f64::consts::PI * f64::from(k) / f64::from(rings);
+        for n in 0..around {
+            let angle = std::f64::consts::TAU * f64::from(n) / f64::from(around);
+            let (x, y) = (polar.sin() * angle.cos(), polar.sin() * angle.sin());
+            let p = radius * DVec3::new(x, y, polar.cos());
+            text += &format!("v {} {} {}\n", p.x, p.y, p.z);
+        }
+    }
+    let at = |k: i32, n: i32| match k {
+        0 => 1,
+        k if k == rings => 2,
+        k => 3 + (k - 1) * around + n % around,
+    };
+    for k in 0..rings {
+        for n in 0..around {
+            let [a, b, c, d] = [at(k, n), at(k + 1, n), at(k + 1, n + 1), at(k, n + 1)];
+            if k + 1 < rings {
+                text += &format!("f {a} {b} {c}\n");
+            }
+            if k > 0 {
+                text += &format!("f {a} {c} {d}\n");
+            }
+        }
+    }
+    text
+}
+
+#[test]
+fn a_block_rests_on_a_plane_and_nothing_else_holds_it() {
+    let text = BOX.replace(
+        "[[pin]]\nname = \"table\"\naxis = \"z\"\nbelow = 0.01\n",
+        "",
+    );
+    let text = text.replace("gravity = [0, 0, 0]", "gravity = [0, 0, -9.81]");
+    let plane = "[[tool]]\nname = \"ground\"\nplane = {}\nat = [0, 0, -0.01]\nfriction = 0.4\n";
+    let mut stage = stage(&format!("{text}{plane}"));
+    run(&mut stage, 30);
+    let ground = reaction(&mut stage, "ground").force;
+    assert!((ground.z / -9.81 - 1.0).abs() < 0.01, "{ground}");
+    let lowest = positions(&stage).iter().map(|x| x.z).fold(1.0, f64::min);
+    assert!(lowest > -0.01 && lowest < -0.0098, "{lowest}");
+}
+
+#[test]
+fn a_run_that_is_taken_up_again_takes_the_same_steps_and_one_begun_anew_too() {
+    let text = format!("{BOX}{FINGER}friction = 0.2\n")
+        .replace("-0.02]]", "-0.02], [0.5, 0.02, 0, -0.01]]");
+    let mut whole = stage(&text);
+    whole.keep_checkpoints();
+    run(&mut whole, 3);
+    let half = whole.checkpoint(&[]).unwrap();
+    run(&mut whole, 5);
+    let mut resumed = stage(&text);
+    resumed.resume(&half).unwrap();
+    run(&mut resumed, 5);
+    assert_eq!(positions(&whole), positions(&resumed));
+    let forces = [&mut whole, &mut resumed].map(|stage| reaction(stage, "finger"));
+    assert_eq!(forces[0], forces[1]);
+    assert_eq!(
+        whole.image().unwrap().values,
+        resumed.image().unwrap().values
+    );
+}
+
+/// The share of pixels in which two pictures differ.
+fn differ(a: &Image, b: &Image) -> f64 {
+    let pixels = a.values.chunks(4).zip(b.values.chunks(4));
+    let apart = pixels.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| (a - b).abs() > 0.02));
+    apart.count() as f64 / (a.values.len() / 4) as f64
+}
+
+#[test]
+fn tools_are_drawn_in_their_places() {
+    // Seen along −y: the body lies between 0 and 0.1.
+    let eye = "[camera]\neye = [0.05, -0.4, 0.06]\nlook_at = [0.05, 0.05, 0.06]\n";
+    for mode in ["surface", "composite"] {
+        let picture = |tool: &str| {
+            let text = BOX.replace(
+                "size = [48, 36]",
+                &format!("size = [48, 36]\nmode = \"{mode}\""),
+            );
+            stage(&format!("{text}{eye}{tool}")).image().unwrap()
+        };
+        let at = |y: f64, more: &str| {
+            let sphere = "sphere = { radius = 0.02 }";
+            picture(&format!(
+                "[[tool]]\n{sphere}\nat = [0.05, {y}, 0.05]\n{more}"
+            ))
+        };
+        let nothing = picture("");
+        let before = at(-0.1, "colour = [1.0, 0, 0]\n");
+        let hidden = at(-0.1, "hidden = true\n");
+        assert_eq!(differ(&nothing, &hidden), 0.0, "{mode}");
+        assert!(differ(&nothing, &before) > 0.02, "{mode}");
+        // Red, where it is: in the middle.
+        let middle = 4 * (18 * 48 + 24);
+        let [r, g] = [0, 1].map(|k| before.values[middle + k]);
+        assert!(r > 0.3 && g < 0.1 * r, "{mode}: {r} {g}");
+        let behind = at(0.2, "colour = [1.0, 0, 0]\n");
+        match mode {
+            // What is opaque hides what is behind it.
+            "surface" => assert!(differ(&nothing, &behind) < 0.002),
+            _ => assert!(differ(&nothing, &behind) < differ(&nothing, &before) + 0.01),
+        }
+    }
+}
+
+#[test]
+fn pictures_show_where_tools_went() {
+    let mut stage = stage(&format!("{BOX}{FINGER}").replace("-0.02]]", "0.02]]"));
+    let first = stage.image().unwrap();
+    run(&mut stage, 4);
+    assert!(differ(&first, &stage.image().unwrap()) > 0.001);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_with_what_would() {
+    let cases = [
+        (
+            FINGER.replace("sphere = { radius = 0.02 }", ""),
+            ["`sphere`", "one of them"],
+        ),
+        (
+            FINGER.replace("at =", "plane = {}\nat ="),
+            ["`sphere`", "one of them"],
+        ),
+        (
+            FINGER.replace("0.02 }", "-1.0 }"),
+            ["radius -1", "positive"],
+        ),
+        (format!("{FINGER}friction = -0.1\n"), ["-0.1", "0 or more"]),
+        (format!("{FINGER}gap = 0.0\n"), ["gap of 0", "positive"]),
+        (
+            format!("{FINGER}along = [0, 0, 0]\n"),
+            ["along", "direction"],
+        ),
+        (
+            format!("{FINGER}axis = [0, 0, 1]\n"),
+            ["[[tool]]", "both or neither"],
+        ),
+        (
+            format!("{FINGER}file = \"a.csv\"\n"),
+            ["[[tool]]", "one of them"],
+        ),
+    ];
+    for (text, words) in cases {
+        let error = refused(&format!("{BOX}{text}"));
+        assert!(words.iter().all(|w| error.contains(w)), "{error}");
+    }
+    let of_body = [
+        (
+            "model = \"neo-hookean\"",
+            "model = \"springs\"",
+            ["finite elements", "neo-hookean"],
+        ),
+        (
+            "name = \"implicit\"",
+            "name = \"midpoint\"",
+            ["midpoint", "bdf2"],
+        ),
+        (
+            "name = \"implicit\"",
+            "name = \"implicit\"\nengine = \"gpu\"",
+            ["[[tool]]", "--engine cpu"],
+        ),
+        ("[[pin]]", "[cage]\n[[pin]]", ["[[tool]]", "[cage]"]),
+    ];
+    for (from, to, words) in of_body {
+        let error = refused(&format!("{BOX}{FINGER}").replace(from, to));
+        assert!(words.iter().all(|w| error.contains(w)), "{error}");
+    }
+    // What starts inside is told, and pushed out.
+    let inside = FINGER.replace("0.125]", "0.11]");
+    let stage = stage(&format!("{BOX}{inside}"));
+    let note = stage.notes().iter().find(|n| n.contains("pushed out"));
+    assert!(
+        note.is_some_and(|n| n.contains("finger")),
+        "{:?}",
+        stage.notes()
+    );
+}
+
+fn refused(text: &str) -> String {
+    match Stage::new(&gpu(), &Scene::parse(text).unwrap()) {
+        Err(error) => error.to_string(),
+        Ok(_) => panic!("it was not refused:\n{text}"),
+    }
+}
