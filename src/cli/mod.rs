@@ -10,6 +10,7 @@ mod info;
 mod mesh;
 mod presets;
 mod press;
+mod press_map;
 mod progress;
 mod render;
 mod simulate;

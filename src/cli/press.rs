@@ -1,12 +1,12 @@
-//! `palpate press`: a fingertip presses on a body and lets go.
+//! `palpate press`: a fingertip presses on a body and lets go, or presses all over it.
 
 use super::flags::{SceneFlags, Triple, triple};
-use super::{Outcome, progress};
+use super::{Outcome, press_map, progress};
 use clap::Args;
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
-use palpate::press::{Press, PressReport, Sample, Wanted};
+use palpate::press::{MapWanted, Press, PressReport, Sample, Wanted};
 use palpate::render::{Background, Film};
 use palpate::{Error, Result};
 use std::io::Write;
@@ -21,7 +21,8 @@ const FPS: f64 = 12.0;
 pub struct PressArguments {
     /// A mesh file or a scene (.toml) of one body
     input: PathBuf,
-    /// Folder for rest.png, pressed.png, press.gif, press.csv, press.json, press.svg and press.pvd
+    /// Folder for rest.png, pressed.png, press.gif, press.csv, press.json, press.svg and press.pvd; of a
+    /// map for map.csv, map.json and map.png
     #[arg(long, short)]
     out: PathBuf,
     /// Press on the boundary nearest to x,y,z, in the mesh's units [default: on what the middle of
@@ -42,6 +43,10 @@ pub struct PressArguments {
     /// Go in until the body resists with so many newtons, at most half of the thickness
     #[arg(long, value_name = "NEWTON")]
     force: Option<f64>,
+    /// Press a grid of points from above instead, and leave map.csv and map.png; goes on where it was
+    /// interrupted
+    #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
+    map: Option<[u32; 2]>,
     #[command(flatten)]
     scene: SceneFlags,
 }
@@ -65,6 +70,14 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     let scene = arguments.scene.scene(&arguments.input)?;
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
+    if let Some(points) = arguments.map {
+        let wanted = MapWanted {
+            points,
+            radius: arguments.radius,
+            depth: arguments.depth,
+        };
+        return press_map::run(gpu, &scene, &wanted, out);
+    }
     let wanted = Wanted {
         at: arguments.at.map(|t| DVec3::from(t.0)),
         pick: arguments.pick.map(|p| p.0),

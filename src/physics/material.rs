@@ -115,8 +115,9 @@ pub struct Material {
     pub regions: BTreeMap<i64, RegionMaterial>,
     /// Labels of the regions that move as rigid bodies: of elements, by implicit schemes.
     pub rigid: BTreeSet<i64>,
-    /// A node field of factors on the stiffness; a spring takes the mean of its two ends.
-    pub node_field: Option<String>,
+    /// A field of factors on the stiffness, of the tets or else of the nodes; what lies between
+    /// nodes takes their mean.
+    pub factor_field: Option<String>,
     /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
     pub length_unit: f64,
 }
@@ -153,7 +154,7 @@ impl Material {
             region_field: None,
             regions: BTreeMap::new(),
             rigid: BTreeSet::new(),
-            node_field: None,
+            factor_field: None,
             length_unit: 1.0,
         }
     }

@@ -160,7 +160,13 @@ struct Matter<'a, F> {
     made_of: F,
     /// The labels of the tets.
     labels: Option<&'a [f64]>,
-    node_factors: Option<&'a [f64]>,
+    factors: Option<Factors<'a>>,
+}
+
+/// Factors on the stiffness, one a tet or one a node.
+enum Factors<'a> {
+    Cells(&'a [f64]),
+    Nodes(&'a [f64]),
 }
 
 impl<'a> Matter<'a, ()> {
@@ -176,8 +182,11 @@ impl<'a> Matter<'a, ()> {
                 Some(name) => Some(scalar_field(mesh, name, Location::Cell)?),
                 None => None,
             },
-            node_factors: match &material.node_field {
-                Some(name) => Some(scalar_field(mesh, name, Location::Node)?),
+            factors: match &material.factor_field {
+                Some(name) if mesh.field(name, Location::Cell).is_some() => {
+                    Some(Factors::Cells(scalar_field(mesh, name, Location::Cell)?))
+                }
+                Some(name) => Some(Factors::Nodes(scalar_field(mesh, name, Location::Node)?)),
                 None => None,
             },
         })
@@ -188,6 +197,29 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
     /// Cubic metres.
     fn volume(&self, tet: usize) -> f64 {
         self.mesh.tet_volume(tet).abs() * self.material.length_unit.powi(3)
+    }
+
+    /// What a tet is made of, but for factors of nodes.
+    fn made(&self, tet: usize) -> RegionMaterial {
+        let made = (self.made_of)(tet);
+        match &self.factors {
+            Some(Factors::Cells(factors)) => RegionMaterial {
+                stiffness: factors[tet] * made.stiffness,
+                ..made
+            },
+            _ => made,
+        }
+    }
+
+    /// The mean factor of some nodes.
+    fn node_factor(&self, nodes: &[u32]) -> f64 {
+        match &self.factors {
+            Some(Factors::Nodes(factors)) => {
+                let sum: f64 = nodes.iter().map(|v| factors[*v as usize]).sum();
+                sum / nodes.len() as f64
+            }
+            _ => 1.0,
+        }
     }
 
     /// What `tets`, ascending, contribute to the mass of every node.
@@ -239,12 +271,10 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             return None;
         }
         let nodes = self.mesh.tets[t];
-        let made = (self.made_of)(t);
-        let factor = self.node_factors.map_or(1.0, |factors| {
-            0.25 * nodes.iter().map(|v| factors[*v as usize]).sum::<f64>()
-        });
+        let made = self.made(t);
+        let stiffness = self.node_factor(&nodes) * made.stiffness;
         let corners = nodes.map(|v| rest[v as usize]);
-        let element = Element::new(nodes, corners, factor * made.stiffness, made.poisson, law)?;
+        let element = Element::new(nodes, corners, stiffness, made.poisson, law)?;
         let regions = &self.material.regions;
         let region = self.labels.map_or(0, |labels| {
             let label = labels[t].round() as i64;
@@ -304,7 +334,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         for t in tets {
             let share = self.volume(t);
             volume += share;
-            weighted += share * (self.made_of)(t).stiffness;
+            weighted += share * self.made(t).stiffness;
         }
         let stiffness = match self.material.stiffness {
             // A zero-length edge has no direction to resist in.
@@ -313,10 +343,9 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             Stiffness::Uniform(_) if volume > 0.0 => weighted / volume,
             Stiffness::Uniform(k) => k,
         };
-        let node_factor = self.node_factors.map_or(1.0, |f| 0.5 * (f[i] + f[j]));
         Spring {
             nodes,
-            stiffness: stiffness * node_factor,
+            stiffness: stiffness * self.node_factor(&nodes),
             length,
         }
     }

@@ -25,7 +25,7 @@ pub struct Tissue {
 /// The tissues known by name. Published values of one tissue differ by factors of two to ten
 /// with the method, the strain and the person: these are single measurements of good repute, to
 /// start from.
-pub const TISSUES: [Tissue; 13] = [
+pub const TISSUES: [Tissue; 14] = [
     tissue(
         "bone",
         17e9,
@@ -81,6 +81,13 @@ pub const TISSUES: [Tissue; 13] = [
         0.45,
         950.0,
         "human breast, indentation: Samani et al., Phys. Med. Biol. 52:1565 (2007)",
+    ),
+    tissue(
+        "gland",
+        3.2e3,
+        0.45,
+        1020.0,
+        "human breast, fibroglandular, indentation: Samani et al., Phys. Med. Biol. 52:1565 (2007)",
     ),
     tissue(
         "muscle",

@@ -5,9 +5,11 @@
 //! to be gone, and gravity has formed the body already.
 
 mod curve;
+mod map;
 mod spot;
 
 pub use curve::{PressReport, Sample};
+pub use map::{MapPoint, MapWanted, PressMap, Pressed};
 pub use spot::Spot;
 
 use crate::gpu::Gpu;
@@ -17,6 +19,7 @@ use crate::render::{Inside, Plane};
 use crate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
+use spot::Boundary;
 
 /// Steps down to the depth, and up again.
 const STEPS: u32 = 16;
@@ -107,18 +110,15 @@ impl Press {
     /// near, or numbers that make no sense; otherwise as [`Stage::new`].
     pub fn new(gpu: &Gpu, scene: &Scene, wanted: &Wanted) -> Result<Press> {
         wanted.check()?;
-        if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
-            return Err(Error::Input(
-                "a press needs one body of tets that is simulated itself; leave [[body]], [grid] and [cage] out".into(),
-            ));
-        }
+        only_tets(scene)?;
         let mesh = scene.mesh.load()?;
         let (mut scene, down) = laid(scene);
         let solver = scene.solver.name.take();
         let mut still = Stage::with_mesh(gpu, &scene, mesh)?;
         scene.solver.name = solver;
         let mesh = still.mesh().clone();
-        let spot = spot::choose(&mut still, &mesh, wanted)?;
+        let boundary = Boundary::new(&mesh);
+        let spot = spot::choose(&mut still, &boundary, wanted)?;
         let camera = *still.camera_mut();
         drop(still);
         if on_table(&mesh, down, spot.point) {
@@ -127,12 +127,12 @@ impl Press {
                 spot.point
             )));
         }
-        let radius = wanted.radius.unwrap_or(spot.fitting_radius());
+        let radius = wanted.radius.unwrap_or(boundary.fitting_radius(spot.thickness));
         let depth = match wanted.force {
             Some(_) => DEEPEST * spot.thickness,
             None => wanted.depth.unwrap_or(DEPTH * spot.thickness),
         };
-        let touch = spot::first_touch(&mesh, &spot, radius);
+        let touch = boundary.first_touch(&spot, radius);
         let start = spot.point + (touch + AWAY * radius) * spot.out;
         scene.tool.push(ToolEntry {
             name: Some(NAME.into()),
@@ -298,6 +298,16 @@ impl Press {
             engine.unwrap_or_default(),
             seconds,
         )
+    }
+}
+
+/// Refuses a scene of anything but one body of tets.
+fn only_tets(scene: &Scene) -> Result<()> {
+    match scene.body.is_empty() && scene.grid.is_none() && scene.cage.is_none() {
+        true => Ok(()),
+        false => Err(Error::Input(
+            "a press needs one body of tets that is simulated itself; leave [[body]], [grid] and [cage] out".into(),
+        )),
     }
 }
 

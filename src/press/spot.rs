@@ -17,6 +17,8 @@ const LARGEST: f64 = 0.05;
 const AROUND: f64 = 2.5;
 /// Steps of a ball until it touches.
 const TOUCHES: u32 = 200;
+/// The cosine from which on a face is too steep to be pressed from above.
+const STEEP: f64 = 0.5;
 /// Rings of points of the picture that are tried where its middle shows nothing.
 const RINGS: u32 = 12;
 
@@ -29,79 +31,167 @@ pub struct Spot {
     pub out: DVec3,
     /// How thick the body is there, in file units.
     pub thickness: f64,
-    /// Mean edge of the boundary, and the diagonal of the body.
-    edge: f64,
-    diagonal: f64,
 }
 
-impl Spot {
-    /// A radius that suits the thickness and the mesh.
-    pub(super) fn fitting_radius(&self) -> f64 {
-        let largest = LARGEST * self.diagonal;
-        (RADIUS * self.thickness)
+/// The boundary of a body, as presses ask for it.
+pub(super) struct Boundary {
+    faces: Vec<[DVec3; 3]>,
+    tree: Tree,
+    rays: RayReference,
+    /// Mean edge.
+    edge: f64,
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Boundary {
+    pub fn new(mesh: &TetMesh) -> Boundary {
+        let topology = Topology::new(mesh);
+        let corners = |b| {
+            topology
+                .boundary_nodes(mesh, b)
+                .map(|v| mesh.nodes[v as usize])
+        };
+        let faces: Vec<[DVec3; 3]> = topology.boundary.iter().map(|b| corners(*b)).collect();
+        let edges = faces
+            .iter()
+            .map(|[a, b, c]| (a.distance(*b) + b.distance(*c) + c.distance(*a)) / 3.0);
+        let (low, high) = mesh.bounds();
+        Boundary {
+            edge: edges.sum::<f64>() / faces.len().max(1) as f64,
+            tree: Tree::new(faces.clone()),
+            rays: RayReference::new(mesh, &mesh.nodes, &vec![0.0; mesh.nodes.len()]),
+            faces,
+            low,
+            high,
+        }
+    }
+
+    fn diagonal(&self) -> f64 {
+        self.low.distance(self.high)
+    }
+
+    /// What there is to press on at a point of the boundary.
+    fn spot(&self, point: DVec3, out: DVec3) -> Spot {
+        Spot {
+            point,
+            out,
+            thickness: self.thickness(point, out),
+        }
+    }
+
+    /// A radius that suits the mesh, where the body is so thick.
+    pub fn fitting_radius(&self, thickness: f64) -> f64 {
+        let largest = LARGEST * self.diagonal();
+        (RADIUS * thickness)
             .min(largest)
             .max((EDGES * self.edge).min(2.0 * largest))
     }
+
+    /// The point of the boundary that is nearest to `p`.
+    fn nearest(&self, p: DVec3) -> Option<DVec3> {
+        let (face, weights) = self.tree.nearest(p)?;
+        let parts = self.faces[face].into_iter().zip(weights);
+        Some(parts.map(|(corner, w)| w * corner).sum())
+    }
+
+    /// Which way is out of the body around a point of the boundary.
+    fn outward(&self, point: DVec3) -> DVec3 {
+        let reach = AROUND * self.edge;
+        let mut out = DVec3::ZERO;
+        let mut nearest = (f64::INFINITY, DVec3::Z);
+        for [a, b, c] in &self.faces {
+            let (middle, normal) = ((*a + *b + *c) / 3.0, (*b - *a).cross(*c - *a));
+            let away = middle.distance(point);
+            if away < nearest.0 {
+                nearest = (away, normal);
+            }
+            if away <= reach {
+                out += normal;
+            }
+        }
+        let own = nearest.1.normalize_or(DVec3::Z);
+        let out = out.normalize_or(own);
+        // Of thin parts both sides are near.
+        if out.dot(own) > 0.3 { out } else { own }
+    }
+
+    /// How far a ray into the body goes until it leaves it.
+    fn thickness(&self, point: DVec3, out: DVec3) -> f64 {
+        let diagonal = self.diagonal();
+        let ray = Ray {
+            origin: point + 1e-3 * diagonal * out,
+            direction: -out,
+        };
+        let (mut end, mut start) = (None, 0.0);
+        for segment in self.rays.segments(ray) {
+            match end {
+                None => start = segment.t[0],
+                Some(last) if segment.t[0] > last + 1e-6 * diagonal => break,
+                Some(_) => {}
+            }
+            end = Some(segment.t[1].max(end.unwrap_or(0.0)));
+        }
+        end.map_or(0.0, |end| end - start).max(1e-3 * diagonal)
+    }
+
+    /// Where a ball that comes along a spot's outward direction first touches the body: how far its
+    /// middle is from the point then, outwards.
+    pub fn first_touch(&self, spot: &Spot, radius: f64) -> f64 {
+        // No distance changes faster than the ball moves.
+        let mut height = radius + self.diagonal();
+        for _ in 0..TOUCHES {
+            let free = self.tree.distance(spot.point + height * spot.out) - radius;
+            if free < 1e-6 * radius {
+                break;
+            }
+            height -= free;
+        }
+        height
+    }
+
+    /// The first point of the body that is met from far away against `up`, with the way up as the
+    /// way out; none where nothing is met, or what is met is steeper than 60°.
+    pub fn from_above(&self, up: DVec3, beside: DVec3) -> Option<Spot> {
+        let far = beside + up * (self.diagonal() - (beside - self.low).dot(up));
+        let met = |face: &&[DVec3; 3]| hit(far, -up, face).is_some();
+        let height = |face: &[DVec3; 3]| hit(far, -up, face).unwrap_or(f64::INFINITY);
+        let over = self.faces.iter().filter(met);
+        let first = over.min_by(|a, b| height(a).total_cmp(&height(b)))?;
+        let point = far - height(first) * up;
+        let steep = self.outward(point).dot(up) < STEEP;
+        (!steep).then(|| self.spot(point, up))
+    }
 }
 
-/// The place that is asked for, on `mesh`, which `stage` shows at rest.
-pub(super) fn choose(stage: &mut Stage, mesh: &TetMesh, wanted: &Wanted) -> Result<Spot> {
-    let topology = Topology::new(mesh);
-    let (low, high) = mesh.bounds();
-    let diagonal = (high - low).length();
-    let faces: Vec<[u32; 3]> = topology
-        .boundary
-        .iter()
-        .map(|b| topology.boundary_nodes(mesh, *b))
-        .collect();
-    let corners = |face: &[u32; 3]| face.map(|v| mesh.nodes[v as usize]);
-    let edges = faces.iter().map(|face| {
-        let [a, b, c] = corners(face);
-        (a.distance(b) + b.distance(c) + c.distance(a)) / 3.0
-    });
-    let edge = edges.sum::<f64>() / faces.len().max(1) as f64;
+/// How far along a ray a triangle is met, if it is.
+fn hit(origin: DVec3, direction: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<f64> {
+    let (u, v) = (*b - *a, *c - *a);
+    let across = direction.cross(v);
+    let det = u.dot(across);
+    let from = origin - *a;
+    let s = from.dot(across) / det;
+    let q = from.cross(u);
+    let t = direction.dot(q) / det;
+    let inside = s >= 0.0 && t >= 0.0 && s + t <= 1.0;
+    (inside && det != 0.0).then(|| v.dot(q) / det)
+}
+
+/// The place that is asked for, on a body of that `boundary`, which `stage` shows at rest.
+pub(super) fn choose(stage: &mut Stage, boundary: &Boundary, wanted: &Wanted) -> Result<Spot> {
     let point = match wanted.at {
         Some(at) => {
-            let tree = Tree::new(faces.iter().map(corners).collect());
-            let found = tree.nearest(at).map(|(face, weights)| {
-                let parts = corners(&faces[face]).into_iter().zip(weights);
-                parts.map(|(p, w)| w * p).sum::<DVec3>()
-            });
-            found
-                .filter(|p| p.distance(at) <= 0.5 * diagonal)
-                .ok_or_else(|| {
-                    Error::Input(format!(
-                        "{at} is nowhere near the body, which lies from {low} to {high}; give a point on it (--at x,y,z)"
-                    ))
-                })?
+            let near = |p: &DVec3| p.distance(at) <= 0.5 * boundary.diagonal();
+            boundary.nearest(at).filter(near).ok_or_else(|| {
+                Error::Input(format!(
+                    "{at} is nowhere near the body, which lies from {} to {}; give a point on it (--at x,y,z)",
+                    boundary.low, boundary.high
+                ))
+            })?
         }
         None => seen(stage, wanted.pick)?,
     };
-    let reach = AROUND * edge;
-    let mut out = DVec3::ZERO;
-    let mut nearest = (f64::INFINITY, DVec3::Z);
-    for face in &faces {
-        let [a, b, c] = corners(face);
-        let (middle, normal) = ((a + b + c) / 3.0, (b - a).cross(c - a));
-        let away = middle.distance(point);
-        if away < nearest.0 {
-            nearest = (away, normal);
-        }
-        if away <= reach {
-            out += normal;
-        }
-    }
-    let own = nearest.1.normalize_or(DVec3::Z);
-    let out = out.normalize_or(own);
-    // Of thin parts both sides are near.
-    let out = if out.dot(own) > 0.3 { out } else { own };
-    Ok(Spot {
-        point,
-        out,
-        thickness: thickness(mesh, point, out, diagonal),
-        edge,
-        diagonal,
-    })
+    Ok(boundary.spot(point, boundary.outward(point)))
 }
 
 /// What the picture shows at a point of it, or nearest to its middle.
@@ -130,45 +220,4 @@ fn seen(stage: &mut Stage, pick: Option<DVec2>) -> Result<DVec3> {
     Err(Error::Input(
         "the picture shows nothing of the body; move the camera, or give --at x,y,z".into(),
     ))
-}
-
-/// How far a ray into the body goes until it leaves it.
-fn thickness(mesh: &TetMesh, point: DVec3, out: DVec3, diagonal: f64) -> f64 {
-    let rays = RayReference::new(mesh, &mesh.nodes, &vec![0.0; mesh.nodes.len()]);
-    let ray = Ray {
-        origin: point + 1e-3 * diagonal * out,
-        direction: -out,
-    };
-    let (mut end, mut start) = (None, 0.0);
-    for segment in rays.segments(ray) {
-        match end {
-            None => start = segment.t[0],
-            Some(last) if segment.t[0] > last + 1e-6 * diagonal => break,
-            Some(_) => {}
-        }
-        end = Some(segment.t[1].max(end.unwrap_or(0.0)));
-    }
-    end.map_or(0.0, |end| end - start).max(1e-3 * diagonal)
-}
-
-/// Where a ball that comes along `out` first touches the body: how far its middle is from the point
-/// then, outwards.
-pub(super) fn first_touch(mesh: &TetMesh, spot: &Spot, radius: f64) -> f64 {
-    let topology = Topology::new(mesh);
-    let corners = |b| {
-        topology
-            .boundary_nodes(mesh, b)
-            .map(|v| mesh.nodes[v as usize])
-    };
-    let boundary = Tree::new(topology.boundary.iter().map(|b| corners(*b)).collect());
-    // No distance changes faster than the ball moves.
-    let mut height = radius + spot.diagonal;
-    for _ in 0..TOUCHES {
-        let free = boundary.distance(spot.point + height * spot.out) - radius;
-        if free < 1e-6 * radius {
-            break;
-        }
-        height -= free;
-    }
-    height
 }

@@ -43,7 +43,7 @@ pub struct MaterialEntry {
     pub volume: Option<VolumeModel>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
-    /// A node field of factors on the stiffness.
+    /// A field of the tets, or else of the nodes, of factors on the stiffness.
     pub stiffness_field: Option<String>,
     /// Density in kg/m³.
     pub density: Option<f64>,
@@ -261,7 +261,7 @@ impl MaterialEntry {
         if let Some(volume) = self.volume {
             material.volume = volume;
         }
-        material.node_field = self.stiffness_field.clone();
+        material.factor_field = self.stiffness_field.clone();
         if let Some(density) = self.density {
             material.density = density;
         }

@@ -3,6 +3,7 @@
 use super::regions::Regions;
 use super::{LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
+use crate::mesh::generate::Lump;
 use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
 use crate::mesher::{Labels, Recipe, Size};
 use crate::physics::BodyField;
@@ -28,7 +29,27 @@ impl MeshSource {
         Ok(mesh)
     }
 
+    /// The lump that a generated organ has.
+    fn lump(&self) -> Result<Option<Lump>> {
+        let said = [self.lump_mm, self.depth_mm, self.contrast];
+        if said.iter().any(Option::is_some)
+            && !self.generate.as_deref().is_some_and(generate::has_lump)
+        {
+            return Err(Error::Input(
+                "lump_mm, depth_mm and contrast of [mesh] are for generate = \"breast\" and \"liver\"; leave them out".into(),
+            ));
+        }
+        let usual = Lump::default();
+        let lump = Lump {
+            diameter: self.lump_mm.map_or(usual.diameter, |mm| 1e-3 * mm),
+            depth: self.depth_mm.map_or(usual.depth, |mm| 1e-3 * mm),
+            contrast: self.contrast.unwrap_or(usual.contrast),
+        };
+        Ok(Some(lump).filter(|lump| lump.diameter != 0.0))
+    }
+
     fn welded(&self) -> Result<TetMesh> {
+        let lump = self.lump()?;
         match (&self.file, &self.generate) {
             (Some(file), None) if io::kind(file)? == Kind::Mesh => io::read(file),
             (Some(_), None) => self.made(),
@@ -36,7 +57,7 @@ impl MeshSource {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
                     "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
                 ))),
-                tets => generate::by_name(name, tets),
+                tets => generate::with_lump(name, tets, lump),
             },
             _ => Err(Error::Input(
                 "[mesh] needs either file = \"…\" or generate = \"…\"".into(),

@@ -1,15 +1,15 @@
 //! Generators by name, for scenes and the command line.
 
 use super::{
-    Bore, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, biceps, box_mesh, duct, foot,
-    limb,
+    Bore, Lump, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, biceps, box_mesh,
+    breast, duct, foot, limb, liver,
 };
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// The names that [`by_name`] knows, and what each of them makes.
-pub const GENERATORS: [(&str, &str); 8] = [
+pub const GENERATORS: [(&str, &str); 10] = [
     (
         "bar",
         "the bar of Tejada & Ertl 2005, 12 × 6 × 6 cm; 80 tets",
@@ -32,8 +32,18 @@ pub const GENERATORS: [(&str, &str); 8] = [
         "biceps",
         "a muscle between two tendons, 24 cm, with its fibres; 8,000 tets",
     ),
+    (
+        "breast",
+        "a breast of fat and gland with a lump, 14 cm wide; 20,000 tets",
+    ),
+    ("liver", "a liver with a lump, 22 cm wide; 20,000 tets"),
     ("foot", "a foot of 26 bones in flesh; 100,000 tets"),
 ];
+
+/// Whether what the generator called `name` makes has a lump.
+pub(crate) fn has_lump(name: &str) -> bool {
+    matches!(name, "breast" | "liver")
+}
 
 /// Whether there is a generator called `name`.
 ///
@@ -60,6 +70,14 @@ fn unknown(name: &str) -> Error {
 /// # Errors
 /// A name that is not known, or a number of tets that the generator cannot make.
 pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
+    with_lump(name, tets, Some(Lump::default()))
+}
+
+/// As [`by_name`], with that lump, or none, in organs that have one.
+///
+/// # Errors
+/// As [`by_name`], and for a lump that the organ has no room for.
+pub fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<TetMesh> {
     // Cells along each side when a unit cube of cells has this many tets.
     let side =
         |tets: usize, per_cell: f64| ((tets as f64 / per_cell).cbrt().round() as usize).max(1);
@@ -79,6 +97,8 @@ pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
         "cube" => benchmark_cube(side(tets.unwrap_or(48_000), 6.0), false),
         "limb" => limb(tets.unwrap_or(100_000)),
         "biceps" => biceps(tets.unwrap_or(8_000)),
+        "breast" => breast(tets.unwrap_or(20_000), lump),
+        "liver" => liver(tets.unwrap_or(20_000), lump),
         "foot" => foot(tets.unwrap_or(100_000)),
         _ => Err(unknown(name)),
     }

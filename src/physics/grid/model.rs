@@ -45,7 +45,7 @@ impl GridModel {
     ///
     /// Of Young's modulus: κ by kind such that the grid is isotropic with that modulus and a
     /// Poisson ratio of ¼, whatever its spacing; with equal spacing s, all κ are 0.4 E s. Of a
-    /// uniform stiffness, all κ are that. `damping_time`, `damping` and `node_field` of the
+    /// uniform stiffness, all κ are that. `damping_time`, `damping` and `factor_field` of the
     /// material do not apply here; `regions` do, by the particles' regions.
     ///
     /// # Errors

@@ -31,6 +31,13 @@ pub struct MeshSource {
     pub generate: Option<String>,
     /// About how many tets the generator or the mesher makes.
     pub tets: Option<usize>,
+    /// Diameter of the lump in an organ that is generated, mm; 0 for none. 15 where nothing is said.
+    pub lump_mm: Option<f64>,
+    /// How far the lump is below the surface, mm; 10 where nothing is said.
+    pub depth_mm: Option<f64>,
+    /// How many times as stiff the lump is as what it lies in, for the material's
+    /// `stiffness_field = "stiffness"`; 5 where nothing is said.
+    pub contrast: Option<f64>,
     /// Edge length at boundaries, instead of `tets`: `"2mm"`, or a number in the file's unit.
     #[serde(default, deserialize_with = "said")]
     pub edge: Option<Length>,

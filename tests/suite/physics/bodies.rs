@@ -147,7 +147,7 @@ fn a_force_array_written_on_the_gpu_acts() {
 }
 
 #[test]
-fn regions_and_node_fields_scale_the_stiffness() {
+fn regions_and_fields_of_factors_scale_the_stiffness() {
     let mut mesh = generate::bar([4, 2, 2], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let labels: Vec<f64> = (0..mesh.tets.len())
         .map(|t| {
@@ -156,10 +156,13 @@ fn regions_and_node_fields_scale_the_stiffness() {
             ))
         })
         .collect();
-    mesh.set_field(Field::scalar("tissue", Location::Cell, labels))
+    mesh.set_field(Field::scalar("tissue", Location::Cell, labels.clone()))
         .unwrap();
     let factors = mesh.nodes.iter().map(|p| 1.0 + p.x).collect();
     mesh.set_field(Field::scalar("factor", Location::Node, factors))
+        .unwrap();
+    let tenfold = labels.iter().map(|l| 1.0 + 9.0 * l).collect();
+    mesh.set_field(Field::scalar("tenfold", Location::Cell, tenfold))
         .unwrap();
     let springs = |material: &Material| SpringNetwork::new(&mesh, material).unwrap().springs;
     for stiffness in [Stiffness::Young(1e5), Stiffness::Uniform(3e3)] {
@@ -182,7 +185,11 @@ fn regions_and_node_fields_scale_the_stiffness() {
             ..plain.clone()
         };
         let by_node = Material {
-            node_field: Some("factor".into()),
+            factor_field: Some("factor".into()),
+            ..plain.clone()
+        };
+        let by_tet = Material {
+            factor_field: Some("tenfold".into()),
             ..plain.clone()
         };
         let base = springs(&plain);
@@ -202,6 +209,11 @@ fn regions_and_node_fields_scale_the_stiffness() {
             };
             assert!(expected.abs() < 1e-9, "{i} {j} {factor}");
         }
+        // A factor on each tet does what a region that much stiffer does, and leaves masses alone.
+        for (a, b) in springs(&regions).iter().zip(springs(&by_tet)) {
+            assert!((b.stiffness / a.stiffness - 1.0).abs() < 1e-12);
+        }
+        assert_eq!(mass(&by_tet), mass(&plain));
         for (a, b) in base.iter().zip(springs(&by_node)) {
             let [i, j] = a.nodes.map(|v| 1.0 + mesh.nodes[v as usize].x);
             assert!((b.stiffness / a.stiffness - 0.5 * (i + j)).abs() < 1e-12);

@@ -1,0 +1,164 @@
+//! `palpate press --map`: a body pressed at the points of a grid.
+
+use super::{Outcome, progress, tell};
+use palpate::gpu::Gpu;
+use palpate::io::atomic_write;
+use palpate::press::{MapWanted, PressMap, Pressed};
+use palpate::scene::Scene;
+use palpate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::io::Write;
+use std::path::Path;
+
+/// What stands in map.json.
+#[derive(Serialize, Deserialize)]
+struct Said {
+    /// Points along the two sides.
+    grid: [u32; 2],
+    radius: f64,
+    depth: f64,
+    /// Points that were to be pressed, that were, and at which a step failed.
+    points: usize,
+    pressed: usize,
+    failed: usize,
+    median_n_per_m: Option<f64>,
+    stiffest_n_per_m: Option<f64>,
+    stiffest_at: Option<[f64; 3]>,
+    /// What tells maps of other bodies, scenes and ways of pressing.
+    mark: String,
+}
+
+/// Presses what is left of the map, draws it, and says what stands out.
+pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::Result<Outcome> {
+    let mut map = progress::during("preparing", || PressMap::new(scene, wanted))?;
+    tell(map.notes());
+    let rows = out.join("map.csv");
+    let about = out.join("map.json");
+    if let Some(found) = earlier(&map, &rows, &about)? {
+        let done = found.iter().flatten().count();
+        map.take_over(&found)?;
+        tell(&[format!(
+            "{done} points were pressed before: {} goes on from there",
+            rows.display()
+        )]);
+    }
+    let left = map.points().iter().filter(|p| p.pressed.is_none()).count();
+    // First, so that rows are never without what they are of.
+    write_about(&map, wanted, &about)?;
+    progress::over("pressing", left as u64, |bar| {
+        map.measure(gpu, &mut |map| {
+            bar.inc(1);
+            write_rows(map, &rows)
+        })
+    })?;
+    write_rows(&map, &rows)?;
+    write_about(&map, wanted, &about)?;
+    let image = map.image(gpu)?;
+    image.save(out.join("map.png"))?;
+    let failed = failed(&map);
+    if failed > 0 {
+        tell(&[format!(
+            "{failed} points have no stiffness (nan): a step failed there; a smaller --depth or a larger --radius may do"
+        )]);
+    }
+    if let (Some(median), Some(top)) = (map.median(), map.stiffest()) {
+        let stiffness = top.stiffness().unwrap_or(median);
+        tell(&[format!(
+            "the stiffest of {} points, {stiffness:.4} N/m, is {:.2} times the median and lies at {:.4}, {:.4}, {:.4}",
+            map.points().len(),
+            stiffness / median,
+            top.point.x,
+            top.point.y,
+            top.point.z
+        )]);
+    }
+    tell(&[format!(
+        "{0}/map.csv, {0}/map.png, {0}/map.json",
+        out.display()
+    )]);
+    Ok(Outcome::Done)
+}
+
+fn failed(map: &PressMap) -> usize {
+    let failed = |p: &&palpate::press::MapPoint| p.pressed == Some(Pressed::Failed);
+    map.points().iter().filter(failed).count()
+}
+
+/// What an interrupted map of the same body and settings has found; none where there is no other.
+fn earlier(map: &PressMap, rows: &Path, about: &Path) -> anyhow::Result<Option<Vec<Option<Pressed>>>> {
+    if !rows.exists() {
+        return Ok(None);
+    }
+    let said = std::fs::read_to_string(about).ok();
+    let said = said.and_then(|text| serde_json::from_str::<Said>(&text).ok());
+    if said.is_none_or(|said| said.mark != mark(map)) {
+        anyhow::bail!(
+            "{} is a map of another body, or made with other settings; name another folder (--out), or remove it",
+            rows.display()
+        );
+    }
+    let text = std::fs::read_to_string(rows).map_err(Error::io(rows))?;
+    let wrong = |line: usize| {
+        anyhow::anyhow!(
+            "{} is damaged in line {}: x,y,z,stiffness is expected; remove it to begin anew",
+            rows.display(),
+            line + 1
+        )
+    };
+    let mut found = vec![None; map.points().len()];
+    for (number, line) in text.lines().enumerate().skip(1) {
+        let cells: Vec<f64> = line.split(',').map_while(|cell| cell.parse().ok()).collect();
+        let [x, y, z, stiffness] = cells[..] else {
+            return Err(wrong(number));
+        };
+        let own = map.points().iter().position(|p| p.point.to_array() == [x, y, z]);
+        let k = own.ok_or_else(|| wrong(number))?;
+        found[k] = Some(match stiffness.is_finite() {
+            true => Pressed::Stiffness(stiffness),
+            false => Pressed::Failed,
+        });
+    }
+    Ok(Some(found))
+}
+
+fn mark(map: &PressMap) -> String {
+    format!("{:016x}", map.mark())
+}
+
+fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
+    atomic_write(path, |file| {
+        let mut text = String::from("x,y,z,stiffness\n");
+        for p in map.points() {
+            let stiffness = match p.pressed {
+                None => continue,
+                Some(Pressed::Stiffness(found)) => found.to_string(),
+                Some(Pressed::Failed) => "nan".into(),
+            };
+            let [x, y, z] = p.point.to_array();
+            text += &format!("{x},{y},{z},{stiffness}\n");
+        }
+        file.write_all(text.as_bytes()).map_err(Error::io(path))
+    })
+}
+
+fn write_about(map: &PressMap, wanted: &MapWanted, path: &Path) -> Result<()> {
+    let [radius, depth] = map.radius_and_depth();
+    let top = map.stiffest();
+    let said = Said {
+        grid: wanted.points,
+        radius,
+        depth,
+        points: map.points().len(),
+        pressed: map.points().iter().filter(|p| p.stiffness().is_some()).count(),
+        failed: failed(map),
+        median_n_per_m: map.median(),
+        stiffest_n_per_m: top.and_then(|p| p.stiffness()),
+        stiffest_at: top.map(|p| p.point.to_array()),
+        mark: mark(map),
+    };
+    atomic_write(path, |file| {
+        let text = serde_json::to_string_pretty(&said);
+        let text = text.map_err(|e| Error::Input(format!("map.json: {e}")))?;
+        writeln!(file, "{text}").map_err(Error::io(path))
+    })
+}

@@ -1,0 +1,526 @@
+//! A body pressed at the points of a grid from above, to find what is hard beneath.
+
+use super::curve::{self, Sample};
+use super::spot::{Boundary, Spot};
+use super::{AWAY, DEPTH, STEP, laid, on_table, only_tets, table};
+use crate::gpu::Gpu;
+use crate::mesh::{Field, Location, TetMesh};
+use crate::physics::{Shape, SolverKind, Tool, ToolId, ToolPose};
+use crate::render::Image;
+use crate::scene::{CameraEntry, Motion, Scene, Stage};
+use crate::{Error, Result};
+use glam::{DQuat, DVec3};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+/// Steps down at each point.
+const STEPS: u32 = 6;
+/// The most points along a side.
+const MOST: u32 = 1_000;
+/// A body is too thin to be pressed where it is less than so many times as thick as presses are deep.
+const THIN: f64 = 3.0;
+/// Height of the view over the body's extent in it, and the part of its width that a legend takes.
+const VIEW: f64 = 1.15;
+const LEGEND: f64 = 0.2;
+/// The field that pictures show, N/m.
+const FIELD: &str = "stiffness (N/m)";
+
+/// Which points to press, and how; what is not said suits the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapWanted {
+    /// Points along the two sides of the body as it is seen from above.
+    pub points: [u32; 2],
+    /// Radius of the fingertip, in file units.
+    pub radius: Option<f64>,
+    /// How far it goes in, in file units; a tenth of the body's median thickness where nothing is
+    /// said.
+    pub depth: Option<f64>,
+}
+
+/// A point of a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapPoint {
+    /// On the boundary, in file units.
+    pub point: DVec3,
+    /// What was found there; none yet at first.
+    pub pressed: Option<Pressed>,
+}
+
+/// What a press of a map found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pressed {
+    /// The slope of force over depth in the deeper half of the way in, N/m.
+    Stiffness(f64),
+    /// A step of it failed.
+    Failed,
+}
+
+impl MapPoint {
+    /// The stiffness found there, N/m.
+    pub fn stiffness(&self) -> Option<f64> {
+        match self.pressed {
+            Some(Pressed::Stiffness(found)) => Some(found),
+            _ => None,
+        }
+    }
+}
+
+/// A map of a body's stiffness.
+pub struct PressMap {
+    scene: Scene,
+    mesh: TetMesh,
+    up: DVec3,
+    radius: f64,
+    depth: f64,
+    /// Metres in a file unit, and ν.
+    unit: f64,
+    poisson: f64,
+    /// Cells of the grid, low corner and steps in the two directions across.
+    grid: Grid,
+    spots: Vec<(Spot, f64)>,
+    points: Vec<MapPoint>,
+    /// Which cell of the grid each point is in.
+    cells: Vec<usize>,
+    notes: Vec<String>,
+}
+
+/// The body's extent as it is seen from above, shared out in cells.
+#[derive(Clone, Copy, Debug)]
+struct Grid {
+    axes: [usize; 2],
+    count: [u32; 2],
+    low: DVec3,
+    step: [f64; 2],
+}
+
+impl Grid {
+    fn new(mesh: &TetMesh, up: DVec3, count: [u32; 2]) -> Grid {
+        let axis = up.abs().max_position();
+        let axes = [[1, 2], [0, 2], [0, 1]][axis];
+        let (low, high) = mesh.bounds();
+        let step = |k: usize| (high - low)[axes[k]] / f64::from(count[k]);
+        Grid {
+            axes,
+            count,
+            low,
+            step: [step(0), step(1)],
+        }
+    }
+
+    /// The middle of a cell.
+    fn middle(&self, cell: usize) -> DVec3 {
+        let across = self.count[0] as usize;
+        let mut middle = self.low;
+        for (k, number) in [cell % across, cell / across].into_iter().enumerate() {
+            middle[self.axes[k]] += (number as f64 + 0.5) * self.step[k];
+        }
+        middle
+    }
+
+    fn len(&self) -> usize {
+        self.count[0] as usize * self.count[1] as usize
+    }
+
+    /// The four cells whose middles are around a place, with their weights.
+    fn around(&self, p: DVec3) -> [(usize, f64); 4] {
+        let mut low = [0usize; 2];
+        let mut share = [0.0; 2];
+        for k in 0..2 {
+            let axis = self.axes[k];
+            let last = f64::from(self.count[k] - 1);
+            let at = ((p[axis] - self.low[axis]) / self.step[k] - 0.5).clamp(0.0, last);
+            low[k] = at.floor().min((last - 1.0).max(0.0)) as usize;
+            share[k] = at - low[k] as f64;
+        }
+        let most = self.count.map(|n| n as usize - 1);
+        [[0, 0], [1, 0], [0, 1], [1, 1]].map(|corner| {
+            let at = |k: usize| (low[k] + corner[k]).min(most[k]);
+            let weight = |k: usize| match corner[k] {
+                0 => 1.0 - share[k],
+                _ => share[k],
+            };
+            (at(0) + self.count[0] as usize * at(1), weight(0) * weight(1))
+        })
+    }
+}
+
+impl PressMap {
+    /// Lays the body of `scene` on a table, as [`Press::new`](super::Press::new) does, and chooses
+    /// the points to press.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, numbers that make no sense,
+    /// and a body that offers no point; otherwise what loading the mesh gives.
+    pub fn new(scene: &Scene, wanted: &MapWanted) -> Result<PressMap> {
+        only_tets(scene)?;
+        let [n, m] = wanted.points;
+        if !([n, m].into_iter().all(|n| (1..=MOST).contains(&n))) {
+            return Err(Error::Input(format!(
+                "a map of {n}x{m} points makes no sense; give 1 to {MOST} each way"
+            )));
+        }
+        for (what, given) in [("radius", wanted.radius), ("depth", wanted.depth)] {
+            if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
+                return Err(Error::Input(format!(
+                    "a {what} of {x} makes no sense; give a positive number"
+                )));
+            }
+        }
+        let mesh = scene.mesh.load()?;
+        let (mut scene, down) = laid(scene);
+        scene.pin.push(table(down));
+        let mut up = DVec3::ZERO;
+        let axis = down.abs().max_position();
+        up[axis] = -down[axis].signum();
+        let grid = Grid::new(&mesh, up, wanted.points);
+        let boundary = Boundary::new(&mesh);
+        let above = |cell: usize| boundary.from_above(up, grid.middle(cell));
+        let found: Vec<(usize, Spot)> = (0..grid.len())
+            .filter_map(|cell| Some((cell, above(cell)?)))
+            .collect();
+        let typical = median(found.iter().map(|(_, spot)| spot.thickness).collect());
+        let Some(typical) = typical else {
+            return Err(Error::Input(
+                "no point of the grid is above the body where it is less steep than 60°; ask for more points (--map NxM)".into(),
+            ));
+        };
+        let depth = wanted.depth.unwrap_or(DEPTH * typical);
+        let fits = |spot: &Spot| {
+            !on_table(&mesh, down, spot.point) && spot.thickness >= THIN * depth
+        };
+        let (fit, thin): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, spot)| fits(spot));
+        if fit.is_empty() {
+            return Err(Error::Input(format!(
+                "the body is less than {THIN} times as thick as presses of {depth} are deep wherever it could be pressed; give a smaller --depth"
+            )));
+        }
+        let radius = wanted.radius.unwrap_or(boundary.fitting_radius(typical));
+        let mut notes = vec![format!(
+            "pressing {} points from above, {depth:.4} deep, with a fingertip of radius {radius:.4}",
+            fit.len()
+        )];
+        let left = grid.len() - fit.len();
+        if left > 0 {
+            notes.push(format!(
+                "{left} points of the grid are left out: beside the body, steeper than 60°, or thinner than {THIN} presses are deep ({} of them)",
+                thin.len()
+            ));
+        }
+        let spots: Vec<(Spot, f64)> = fit
+            .iter()
+            .map(|(_, spot)| (*spot, boundary.first_touch(spot, radius)))
+            .collect();
+        let of_mesh = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        Ok(PressMap {
+            poisson: scene.material.poisson_of(&mesh)?,
+            unit: of_mesh.or(mesh.length_unit).unwrap_or(1.0),
+            points: spots
+                .iter()
+                .map(|(spot, _)| MapPoint {
+                    point: spot.point,
+                    pressed: None,
+                })
+                .collect(),
+            cells: fit.iter().map(|(cell, _)| *cell).collect(),
+            scene,
+            mesh,
+            up,
+            radius,
+            depth,
+            grid,
+            spots,
+            notes,
+        })
+    }
+
+    /// What was assumed, in words.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The points, in rows of the grid, with what was found so far.
+    pub fn points(&self) -> &[MapPoint] {
+        &self.points
+    }
+
+    /// Radius of the fingertip, and how deep it goes, in file units.
+    pub fn radius_and_depth(&self) -> [f64; 2] {
+        [self.radius, self.depth]
+    }
+
+    /// A number that is another one for another body, scene, grid or way of pressing: what was
+    /// found under another number is not of this map.
+    pub fn mark(&self) -> u64 {
+        let said = format!(
+            "{:?} {:?} {} {}",
+            self.scene, self.grid, self.radius, self.depth
+        );
+        // FNV-1a.
+        let mut mark = 0xcbf2_9ce4_8422_2325u64;
+        let mut take = |byte: u8| {
+            mark ^= u64::from(byte);
+            mark = mark.wrapping_mul(0x0100_0000_01b3);
+        };
+        said.bytes().for_each(&mut take);
+        for p in &self.mesh.nodes {
+            let numbers = p.to_array();
+            numbers.iter().flat_map(|x| x.to_le_bytes()).for_each(&mut take);
+        }
+        mark
+    }
+
+    /// Takes over what was found before, in the points' order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of points.
+    pub fn take_over(&mut self, found: &[Option<Pressed>]) -> Result<()> {
+        if found.len() != self.points.len() {
+            return Err(Error::Input(format!(
+                "{} results do not fit a map of {} points",
+                found.len(),
+                self.points.len()
+            )));
+        }
+        for (point, found) in self.points.iter_mut().zip(found) {
+            point.pressed = *found;
+        }
+        Ok(())
+    }
+
+    /// Presses the points that are left, on all cores, and tells `each` of the map whenever one is
+    /// done; where that fails or a simulator cannot be made, no further point is begun.
+    ///
+    /// # Errors
+    /// What `each` gives, and what making a simulator gives. A press of which a step fails is
+    /// [`Pressed::Failed`].
+    pub fn measure(
+        &mut self,
+        gpu: &Gpu,
+        each: &mut dyn FnMut(&PressMap) -> Result<()>,
+    ) -> Result<()> {
+        let left: Vec<usize> = (0..self.points.len())
+            .filter(|k| self.points[*k].pressed.is_none())
+            .collect();
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let next = AtomicUsize::new(0);
+        let (tell, told) = mpsc::channel::<Result<(usize, Pressed)>>();
+        let bench = Bench {
+            gpu,
+            scene: &self.scene.clone(),
+            mesh: &self.mesh.clone(),
+            radius: self.radius,
+        };
+        let way = Way {
+            up: self.up,
+            depth: self.depth,
+            unit: self.unit,
+            poisson: self.poisson,
+            radius: self.radius,
+        };
+        let spots = self.spots.clone();
+        std::thread::scope(|scope| {
+            for _ in 0..threads.min(left.len()) {
+                let (tell, left, next, spots) = (tell.clone(), &left, &next, &spots);
+                let (bench, way) = (&bench, &way);
+                scope.spawn(move || {
+                    let mut made = bench.finger();
+                    while let Some(k) = left.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        let found = match &mut made {
+                            Ok(finger) => finger.press(way, &spots[*k]),
+                            Err(why) => Err(Error::Input(why.to_string())),
+                        };
+                        // The other end is gone once something went wrong.
+                        if tell.send(found.map(|found| (*k, found))).is_err() {
+                            return;
+                        }
+                    }
+                });
+            }
+            drop(tell);
+            let mut told = told;
+            let mut ended = Ok(());
+            while let Ok(found) = told.recv() {
+                let kept = found.and_then(|(k, found)| {
+                    self.points[k].pressed = Some(found);
+                    each(self)
+                });
+                if kept.is_err() {
+                    ended = kept;
+                    next.store(left.len(), Ordering::Relaxed);
+                    told = mpsc::channel().1;
+                }
+            }
+            ended
+        })
+    }
+
+    /// The median of what was found, N/m.
+    pub fn median(&self) -> Option<f64> {
+        median(self.points.iter().filter_map(MapPoint::stiffness).collect())
+    }
+
+    /// The stiffest point.
+    pub fn stiffest(&self) -> Option<MapPoint> {
+        let found = self.points.iter().filter(|p| p.stiffness().is_some());
+        let by = |p: &&MapPoint| p.stiffness().unwrap_or(f64::NEG_INFINITY);
+        found.max_by(|a, b| by(a).total_cmp(&by(b))).copied()
+    }
+
+    /// The stiffness on the body as it is seen from above, of points between those pressed as these
+    /// are around them.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing was found; otherwise what drawing gives.
+    pub fn image(&self, gpu: &Gpu) -> Result<Image> {
+        if self.median().is_none() {
+            return Err(Error::Input(
+                "no point of the map could be pressed, so there is nothing to draw".into(),
+            ));
+        }
+        let mut mesh = self.mesh.clone();
+        let shown = mesh.nodes.iter().map(|p| self.at(*p)).collect();
+        mesh.set_field(Field::scalar(FIELD, Location::Node, shown))?;
+        let mut scene = self.scene.clone();
+        scene.solver.name = None;
+        scene.pin.clear();
+        scene.plane.clear();
+        scene.isosurface.clear();
+        scene.skin.clear();
+        let picture = &mut scene.picture;
+        picture.region.clear();
+        picture.field = Some(FIELD.into());
+        picture.transfer = Some("viridis".into());
+        picture.range = None;
+        picture.mode = Some("surface".into());
+        picture.legend = Some(true);
+        picture.scale_bar = Some(true);
+        scene.camera = self.view(scene.picture.size.unwrap_or([800, 600]));
+        let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
+        stage.annotated_image()
+    }
+
+    /// From straight above, in a picture of that size with room for a legend.
+    fn view(&self, size: [u32; 2]) -> CameraEntry {
+        let (low, high) = self.mesh.bounds();
+        let [across, ahead] = self.grid.axes.map(|axis| (high - low)[axis]);
+        let aspect = f64::from(size[0]) / f64::from(size[1].max(1));
+        let height = (VIEW * ahead).max(VIEW * across / (aspect * (1.0 - LEGEND)));
+        let up = DVec3::AXES[self.grid.axes[1]];
+        let right = up.cross(self.up);
+        let aside = 0.5 * LEGEND * height * aspect * right;
+        let middle = 0.5 * (low + high) + aside;
+        let eye = middle + 2.0 * low.distance(high) * self.up;
+        CameraEntry {
+            eye: Some(eye.to_array()),
+            look_at: Some(middle.to_array()),
+            up: Some(up.to_array()),
+            fov: None,
+            orthographic: Some(height),
+        }
+    }
+
+    /// The stiffness at a place, between the points around it; of the nearest where none is.
+    fn at(&self, p: DVec3) -> f64 {
+        let found = |cell: usize| {
+            let k = self.cells.binary_search(&cell).ok()?;
+            self.points[k].stiffness()
+        };
+        let around = self.grid.around(p);
+        let known = around.iter().filter_map(|(cell, w)| Some((found(*cell)?, *w)));
+        let (sum, weight) = known.fold((0.0, 0.0), |s, (x, w)| (s.0 + w * x, s.1 + w));
+        if weight > 1e-9 {
+            return sum / weight;
+        }
+        let away = |q: &&MapPoint| {
+            let off = q.point - p;
+            (off - self.up * off.dot(self.up)).length_squared()
+        };
+        let pressed = self.points.iter().filter(|q| q.stiffness().is_some());
+        let nearest = pressed.min_by(|a, b| away(a).total_cmp(&away(b)));
+        nearest.and_then(MapPoint::stiffness).unwrap_or(0.0)
+    }
+}
+
+/// How a point is pressed.
+struct Way {
+    up: DVec3,
+    depth: f64,
+    unit: f64,
+    poisson: f64,
+    radius: f64,
+}
+
+/// What a body with a fingertip beside it is made of.
+struct Bench<'a> {
+    gpu: &'a Gpu,
+    scene: &'a Scene,
+    mesh: &'a TetMesh,
+    radius: f64,
+}
+
+impl Bench<'_> {
+    fn finger(&self) -> Result<Finger> {
+        let kind = SolverKind::Implicit;
+        let (mut motion, _) = Motion::new(self.gpu, self.scene, kind, self.mesh.clone(), None)?;
+        let (_, high) = self.mesh.bounds();
+        let id = motion.simulator.add_tool(Tool {
+            shape: Shape::Sphere {
+                radius: self.radius,
+            },
+            pose: ToolPose::new(high + 4.0 * self.radius, DQuat::IDENTITY),
+            friction: 0.0,
+            gap: None,
+        })?;
+        let rest = motion.simulator.positions()?;
+        Ok(Finger { motion, id, rest })
+    }
+}
+
+/// A body with a fingertip beside it.
+struct Finger {
+    motion: Motion,
+    id: ToolId,
+    rest: Vec<DVec3>,
+}
+
+impl Finger {
+    fn press(&mut self, way: &Way, (spot, touch): &(Spot, f64)) -> Result<Pressed> {
+        let at = |gone: f64| {
+            ToolPose::new(spot.point + (touch - gone) * spot.out, DQuat::IDENTITY)
+        };
+        let (id, dt) = (self.id, self.motion.dt.max(STEP));
+        let body = self.motion.simulator.as_mut();
+        body.set_positions(&self.rest)?;
+        body.set_velocities(&vec![DVec3::ZERO; self.rest.len()])?;
+        let begin = -AWAY * way.radius;
+        body.loads_mut().put_tool(id, at(begin))?;
+        let mut samples = Vec::new();
+        for step in 1..=STEPS {
+            let gone = begin + (way.depth - begin) * f64::from(step) / f64::from(STEPS);
+            body.loads_mut().guide_tool(id, at(gone))?;
+            match body.run(1, dt) {
+                Err(Error::Solver { .. }) => {
+                    body.restart()?;
+                    return Ok(Pressed::Failed);
+                }
+                other => other?,
+            };
+            let force = body.tool_forces()?.first().map_or(DVec3::ZERO, |on| on.force);
+            samples.push(Sample {
+                time_s: dt * f64::from(step),
+                phase: "load",
+                depth_m: way.unit * gone,
+                force_n: force.dot(way.up),
+            });
+        }
+        let radius = way.unit * way.radius;
+        let report = curve::report(&samples, [radius, way.poisson], String::new(), 0.0);
+        Ok(Pressed::Stiffness(report.stiffness_n_per_m))
+    }
+}
+
+/// The middle of numbers, of two the lower; none of none.
+fn median(mut numbers: Vec<f64>) -> Option<f64> {
+    numbers.sort_by(f64::total_cmp);
+    numbers.get(numbers.len().saturating_sub(1) / 2).copied()
+}
