@@ -85,7 +85,11 @@ fn failed(map: &PressMap) -> usize {
 }
 
 /// What an interrupted map of the same body and settings has found; none where there is no other.
-fn earlier(map: &PressMap, rows: &Path, about: &Path) -> anyhow::Result<Option<Vec<Option<Pressed>>>> {
+fn earlier(
+    map: &PressMap,
+    rows: &Path,
+    about: &Path,
+) -> anyhow::Result<Option<Vec<Option<Pressed>>>> {
     if !rows.exists() {
         return Ok(None);
     }
@@ -107,11 +111,17 @@ fn earlier(map: &PressMap, rows: &Path, about: &Path) -> anyhow::Result<Option<V
     };
     let mut found = vec![None; map.points().len()];
     for (number, line) in text.lines().enumerate().skip(1) {
-        let cells: Vec<f64> = line.split(',').map_while(|cell| cell.parse().ok()).collect();
+        let cells: Vec<f64> = line
+            .split(',')
+            .map_while(|cell| cell.parse().ok())
+            .collect();
         let [x, y, z, stiffness] = cells[..] else {
             return Err(wrong(number));
         };
-        let own = map.points().iter().position(|p| p.point.to_array() == [x, y, z]);
+        let own = map
+            .points()
+            .iter()
+            .position(|p| p.point.to_array() == [x, y, z]);
         let k = own.ok_or_else(|| wrong(number))?;
         found[k] = Some(match stiffness.is_finite() {
             true => Pressed::Stiffness(stiffness),
@@ -149,7 +159,11 @@ fn write_about(map: &PressMap, wanted: &MapWanted, path: &Path) -> Result<()> {
         radius,
         depth,
         points: map.points().len(),
-        pressed: map.points().iter().filter(|p| p.stiffness().is_some()).count(),
+        pressed: map
+            .points()
+            .iter()
+            .filter(|p| p.stiffness().is_some())
+            .count(),
         failed: failed(map),
         median_n_per_m: map.median(),
         stiffest_n_per_m: top.and_then(|p| p.stiffness()),

@@ -5,7 +5,7 @@ use super::spot::{Boundary, Spot};
 use super::{AWAY, DEPTH, STEP, laid, on_table, only_tets, table};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, TetMesh};
-use crate::physics::{Shape, SolverKind, Tool, ToolId, ToolPose};
+use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
 use crate::render::Image;
 use crate::scene::{CameraEntry, Motion, Scene, Stage};
 use crate::{Error, Result};
@@ -139,7 +139,10 @@ impl Grid {
                 0 => 1.0 - share[k],
                 _ => share[k],
             };
-            (at(0) + self.count[0] as usize * at(1), weight(0) * weight(1))
+            (
+                at(0) + self.count[0] as usize * at(1),
+                weight(0) * weight(1),
+            )
         })
     }
 }
@@ -185,9 +188,8 @@ impl PressMap {
             ));
         };
         let depth = wanted.depth.unwrap_or(DEPTH * typical);
-        let fits = |spot: &Spot| {
-            !on_table(&mesh, down, spot.point) && spot.thickness >= THIN * depth
-        };
+        let fits =
+            |spot: &Spot| !on_table(&mesh, down, spot.point) && spot.thickness >= THIN * depth;
         let (fit, thin): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, spot)| fits(spot));
         if fit.is_empty() {
             return Err(Error::Input(format!(
@@ -264,7 +266,10 @@ impl PressMap {
         said.bytes().for_each(&mut take);
         for p in &self.mesh.nodes {
             let numbers = p.to_array();
-            numbers.iter().flat_map(|x| x.to_le_bytes()).for_each(&mut take);
+            numbers
+                .iter()
+                .flat_map(|x| x.to_le_bytes())
+                .for_each(&mut take);
         }
         mark
     }
@@ -426,7 +431,9 @@ impl PressMap {
             self.points[k].stiffness()
         };
         let around = self.grid.around(p);
-        let known = around.iter().filter_map(|(cell, w)| Some((found(*cell)?, *w)));
+        let known = around
+            .iter()
+            .filter_map(|(cell, w)| Some((found(*cell)?, *w)));
         let (sum, weight) = known.fold((0.0, 0.0), |s, (x, w)| (s.0 + w * x, s.1 + w));
         if weight > 1e-9 {
             return sum / weight;
@@ -471,7 +478,7 @@ impl Bench<'_> {
             friction: 0.0,
             gap: None,
         })?;
-        let rest = motion.simulator.positions()?;
+        let rest = motion.simulator.state()?;
         Ok(Finger { motion, id, rest })
     }
 }
@@ -480,18 +487,15 @@ impl Bench<'_> {
 struct Finger {
     motion: Motion,
     id: ToolId,
-    rest: Vec<DVec3>,
+    rest: SimulatorState,
 }
 
 impl Finger {
     fn press(&mut self, way: &Way, (spot, touch): &(Spot, f64)) -> Result<Pressed> {
-        let at = |gone: f64| {
-            ToolPose::new(spot.point + (touch - gone) * spot.out, DQuat::IDENTITY)
-        };
+        let at = |gone: f64| ToolPose::new(spot.point + (touch - gone) * spot.out, DQuat::IDENTITY);
         let (id, dt) = (self.id, self.motion.dt.max(STEP));
         let body = self.motion.simulator.as_mut();
-        body.set_positions(&self.rest)?;
-        body.set_velocities(&vec![DVec3::ZERO; self.rest.len()])?;
+        body.set_state(&self.rest)?;
         let begin = -AWAY * way.radius;
         body.loads_mut().put_tool(id, at(begin))?;
         let mut samples = Vec::new();
@@ -499,13 +503,13 @@ impl Finger {
             let gone = begin + (way.depth - begin) * f64::from(step) / f64::from(STEPS);
             body.loads_mut().guide_tool(id, at(gone))?;
             match body.run(1, dt) {
-                Err(Error::Solver { .. }) => {
-                    body.restart()?;
-                    return Ok(Pressed::Failed);
-                }
+                Err(Error::Solver { .. }) => return Ok(Pressed::Failed),
                 other => other?,
             };
-            let force = body.tool_forces()?.first().map_or(DVec3::ZERO, |on| on.force);
+            let force = body
+                .tool_forces()?
+                .first()
+                .map_or(DVec3::ZERO, |on| on.force);
             samples.push(Sample {
                 time_s: dt * f64::from(step),
                 phase: "load",

@@ -127,7 +127,9 @@ impl Press {
                 spot.point
             )));
         }
-        let radius = wanted.radius.unwrap_or(boundary.fitting_radius(spot.thickness));
+        let radius = wanted
+            .radius
+            .unwrap_or(boundary.fitting_radius(spot.thickness));
         let depth = match wanted.force {
             Some(_) => DEEPEST * spot.thickness,
             None => wanted.depth.unwrap_or(DEPTH * spot.thickness),

@@ -6,6 +6,7 @@
 mod bodies;
 mod cages;
 mod chart;
+mod lumps;
 mod motion;
 mod pictures;
 mod run;
@@ -56,6 +57,11 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "cages",
         "Coarse bodies that carry a fine mesh: error and time against their nodes",
         cages::run,
+    ),
+    (
+        "lumps",
+        "Which lumps a map of presses finds, by their size, depth and contrast",
+        lumps::run,
     ),
     ("accuracy", "Both motion and pictures", accuracy),
 ];

@@ -2,7 +2,8 @@
 
 use crate::support::gpu;
 use glam::DVec3;
-use palpate::press::{Press, Wanted};
+use palpate::Error;
+use palpate::press::{MapPoint, MapWanted, Press, PressMap, Pressed, Wanted};
 use palpate::scene::Scene;
 
 fn block(more: &str) -> Scene {
@@ -123,4 +124,117 @@ fn what_cannot_be_pressed_is_refused_in_words() {
     }
     let springs = block("model = \"springs\"\n");
     assert!(!told(&springs, &Wanted::default()).is_empty());
+}
+
+fn map_of(points: [u32; 2]) -> MapWanted {
+    MapWanted {
+        points,
+        radius: None,
+        depth: None,
+    }
+}
+
+#[test]
+fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
+    let gpu = gpu();
+    let scene = block("");
+    let mut whole = PressMap::new(&scene, &map_of([4, 4])).unwrap();
+    assert_eq!(whole.points().len(), 16);
+    assert!(
+        whole
+            .points()
+            .iter()
+            .all(|p| (p.point.z - 0.1).abs() < 1e-9)
+    );
+    assert!(whole.median().is_none() && whole.image(&gpu).is_err());
+    whole.measure(&gpu, &mut |_| Ok(())).unwrap();
+    let stiffness = |map: &PressMap, k: usize| map.points()[k].stiffness().unwrap();
+    // Those in the middle are alike, and stiffer than those at the corners.
+    let middle = [5, 6, 9, 10].map(|k| stiffness(&whole, k));
+    let corner = [0, 3, 12, 15].map(|k| stiffness(&whole, k));
+    let mean = |of: [f64; 4]| of.iter().sum::<f64>() / 4.0;
+    assert!(
+        middle.iter().all(|s| (s / mean(middle) - 1.0).abs() < 0.15),
+        "{middle:?}"
+    );
+    assert!(mean(corner) < mean(middle));
+    // Interrupted after five points, which are kept; a press knows nothing of those before it.
+    let mut begun = PressMap::new(&scene, &map_of([4, 4])).unwrap();
+    assert_eq!(begun.mark(), whole.mark());
+    let mut done = 0;
+    let ended = begun.measure(&gpu, &mut |_| {
+        done += 1;
+        match done {
+            5 => Err(Error::Input("enough".into())),
+            _ => Ok(()),
+        }
+    });
+    assert!(ended.unwrap_err().to_string().contains("enough"));
+    let found: Vec<Option<Pressed>> = begun.points().iter().map(|p| p.pressed).collect();
+    assert_eq!(found.iter().flatten().count(), 5);
+    let mut rest = PressMap::new(&scene, &map_of([4, 4])).unwrap();
+    rest.take_over(&found).unwrap();
+    rest.measure(&gpu, &mut |_| Ok(())).unwrap();
+    for (k, p) in rest.points().iter().enumerate() {
+        let known = stiffness(&whole, k);
+        let over = p.stiffness().unwrap() / known;
+        assert!((over - 1.0).abs() < 1e-9, "{k} {over}");
+    }
+    assert!(rest.take_over(&[]).is_err());
+    let image = rest.image(&gpu).unwrap();
+    assert_eq!(image.channels, 4);
+    // Of another body, or pressed in another way.
+    let finer = PressMap::new(&scene, &map_of([5, 4])).unwrap();
+    let mut softer = scene.clone();
+    softer.material.young = Some(1e3);
+    let softer = PressMap::new(&softer, &map_of([4, 4])).unwrap();
+    assert!(finer.mark() != whole.mark() && softer.mark() != whole.mark());
+}
+
+#[test]
+fn maps_that_make_no_sense_are_refused_in_words() {
+    let scene = block("");
+    let told = |wanted: &MapWanted| {
+        let found = PressMap::new(&scene, wanted);
+        found.err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    assert!(told(&map_of([0, 4])).contains("1 to 1000"));
+    let deep = MapWanted {
+        depth: Some(0.05),
+        ..map_of([2, 2])
+    };
+    assert!(told(&deep).contains("smaller --depth"));
+    let wrong = MapWanted {
+        radius: Some(f64::NAN),
+        ..map_of([2, 2])
+    };
+    assert!(told(&wrong).contains("radius of NaN"));
+}
+
+#[test]
+#[ignore = "long: 68 presses on 20,000 tets"]
+fn a_map_finds_the_lump_of_a_breast_and_none_where_there_is_none() {
+    let gpu = gpu();
+    let read = |contrast: f64| {
+        let text = format!(
+            "[mesh]\ngenerate = \"breast\"\ncontrast = {contrast}\n[material]\nstiffness_field = \"stiffness\"\nfat = {{}}\ngland = [\"gland\", \"lump\"]\nmuscle = {{}}"
+        );
+        let scene = Scene::parse(&text).unwrap();
+        let mut map = PressMap::new(&scene, &map_of([10, 10])).unwrap();
+        map.measure(&gpu, &mut |_| Ok(())).unwrap();
+        let over = |p: &MapPoint| p.stiffness().unwrap() / map.median().unwrap();
+        // The lump lies below (22, 22) mm.
+        let away = |p: &&MapPoint| p.point.truncate().distance(glam::DVec2::splat(0.022));
+        let own = map
+            .points()
+            .iter()
+            .min_by(|a, b| away(a).total_cmp(&away(b)));
+        let top = map.stiffest().unwrap();
+        (over(own.unwrap()), away(&&top))
+    };
+    let (reads, off) = read(5.0);
+    assert!(reads >= 1.2 && off < 0.01, "{reads} {off}");
+    let (none, _) = read(1.0);
+    assert!(none < 0.9 * reads, "{none} {reads}");
+    println!("above the lump {reads:.3} of the median, without one {none:.3}");
 }

@@ -36,13 +36,17 @@ impl Breast {
         let around = p.truncate().length();
         let [a, b] = [around / BASE, p.z.abs() / HEIGHT];
         let q = (a.powi(POWER) + b.powi(POWER)).cbrt();
-        let slope = q.powi(1 - POWER)
-            * f64::hypot(a.powi(POWER - 1) / BASE, b.powi(POWER - 1) / HEIGHT);
+        let slope =
+            q.powi(1 - POWER) * f64::hypot(a.powi(POWER - 1) / BASE, b.powi(POWER - 1) / HEIGHT);
         let dome = match q > 0.0 {
             true => (q - 1.0) / slope,
             false => -HEIGHT,
         };
-        let nipple = ellipsoid(p, DVec3::new(0.0, 0.0, HEIGHT), DVec3::new(6e-3, 6e-3, 4e-3));
+        let nipple = ellipsoid(
+            p,
+            DVec3::new(0.0, 0.0, HEIGHT),
+            DVec3::new(6e-3, 6e-3, 4e-3),
+        );
         smooth_union(dome, nipple, 6e-3).max(-p.z)
     }
 }
@@ -63,11 +67,7 @@ impl Organ for Breast {
         match tissue {
             0 => -Breast::outside(p),
             1 => {
-                let body = ellipsoid(
-                    p,
-                    DVec3::new(0.0, 0.0, 0.024),
-                    DVec3::new(0.05, 0.05, 0.02),
-                );
+                let body = ellipsoid(p, DVec3::new(0.0, 0.0, 0.024), DVec3::new(0.05, 0.05, 0.02));
                 let ducts = [DVec3::new(0.0, 0.0, 0.03), DVec3::new(0.0, 0.0, HEIGHT)];
                 -smooth_union(body, rod(p, ducts, [9e-3, 4e-3]), 0.012)
             }

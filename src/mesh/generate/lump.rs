@@ -1,14 +1,17 @@
 //! Organs with a lump in them: what the phantoms for presses share.
 
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
-use crate::mesher::{Domain, MeshOptions, Spacing, fill};
+use crate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
 use crate::{Error, Result};
 use glam::DVec3;
+use std::f64::consts::PI;
 
 /// The field of factors on the stiffness that organs with a lump have.
 const FACTORS: &str = "stiffness";
 /// What is left between a lump and the organ's back, m.
 const BEHIND: f64 = 2e-3;
+/// A lump is made at most this many times wider, for its volume.
+const LARGER: f64 = 1.2;
 /// A weight changes by at most so much per metre: what tells boxes that lie in one region.
 const STEEPEST: f64 = 4.0;
 
@@ -106,14 +109,22 @@ pub(super) fn organ<O: Organ>(organ: O, tets: usize, lump: Option<Lump>) -> Resu
         Some(lump) => Some(placed(&organ, &lump)?),
         None => None,
     };
-    let domain = Lumped { organ, lump };
+    let mut domain = Lumped { organ, lump };
     let options = MeshOptions {
         spacing: Spacing::Tets(tets),
         grading: 2.0,
         ..MeshOptions::default()
     };
-    let filled = fill(&domain, &options, &|_, _| {})?;
+    let mut filled = fill(&domain, &options, &|_, _| {})?;
     let own = O::TISSUES.len() as u16 + 1;
+    if let Some((_, radius)) = &mut domain.lump {
+        // Flat tets in a ball hold too little: another one holds what this one should.
+        let over = volume(&filled, own) / (4.0 / 3.0 * PI * radius.powi(3));
+        if over > 0.0 {
+            *radius *= over.cbrt().recip().min(LARGER);
+            filled = fill(&domain, &options, &|_, _| {})?;
+        }
+    }
     if lump.is_some() && !filled.regions.contains(&own) {
         return wrong(format!(
             "the lump is smaller than tets are where the {} has {tets} of them; ask for more tets, or a larger lump",
@@ -142,6 +153,16 @@ pub(super) fn organ<O: Organ>(organ: O, tets: usize, lump: Option<Lump>) -> Resu
     mesh.region_names = (1..).zip(names.map(|name| (*name).to_owned())).collect();
     mesh.length_unit = Some(1.0);
     Ok(mesh)
+}
+
+/// The volume of a region.
+fn volume(filled: &Filling, region: u16) -> f64 {
+    let own = filled.tets.iter().zip(&filled.regions);
+    let own = own.filter(|(_, r)| **r == region).map(|(tet, _)| {
+        let [a, b, c, d] = tet.map(|v| filled.nodes[v as usize]);
+        (b - a).cross(c - a).dot(d - a) / 6.0
+    });
+    own.sum()
 }
 
 /// Where a lump lies, and its radius.

@@ -30,5 +30,5 @@ pub use grid::{Split, box_mesh};
 pub use limb::{TISSUES, Tissue, limb};
 pub use liver::liver;
 pub use lump::Lump;
-pub(crate) use named::{has_lump, known};
 pub use named::{GENERATORS, by_name, with_lump};
+pub(crate) use named::{has_lump, known};

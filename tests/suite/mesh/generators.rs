@@ -3,9 +3,12 @@
 use crate::mesh::support::check_generated;
 use glam::{DMat3, DVec3};
 use palpate::mesh::generate::{
-    Bore, GENERATORS, Split, ball, bar_of_about, benchmark_cube, box_mesh, by_name, duct, paper_bar,
+    Bore, GENERATORS, Lump, Split, ball, bar_of_about, benchmark_cube, box_mesh, breast, by_name,
+    duct, liver, paper_bar,
 };
-use palpate::mesh::{Location, QualityReport, TetMesh, Topology, morton_order};
+use palpate::mesh::{
+    Location, QualityReport, TetMesh, Topology, morton_order, point_triangle_distance,
+};
 
 #[test]
 fn boxes_have_the_volume_and_counts_of_their_cells() {
@@ -234,4 +237,79 @@ fn every_named_generator_makes_about_what_it_says() {
         panic!("there is no such generator");
     };
     assert!(text.contains("liver") && text.contains("limb"), "{text}");
+}
+
+/// The tets of a region.
+fn region(mesh: &TetMesh, name: &str) -> Vec<usize> {
+    let label = mesh.region_names.iter().find(|(_, own)| *own == name);
+    let label = *label.unwrap().0 as f64;
+    let labels = &mesh.field("label", Location::Cell).unwrap().values;
+    (0..labels.len()).filter(|t| labels[*t] == label).collect()
+}
+
+#[test]
+fn organs_have_the_lump_that_is_asked_for_where_it_is_asked_for() {
+    for (organ, make) in [("breast", breast as fn(_, _) -> _), ("liver", liver)] {
+        let lump = Lump {
+            diameter: 0.02,
+            depth: 0.008,
+            contrast: 7.0,
+        };
+        let mesh: TetMesh = make(20_000, Some(lump)).unwrap();
+        check_generated(&mesh);
+        assert!((14_000..28_000).contains(&mesh.tets.len()), "{organ}");
+        let own = region(&mesh, "lump");
+        let volume: f64 = own.iter().map(|t| mesh.tet_volume(*t)).sum();
+        let ball = std::f64::consts::PI / 6.0 * lump.diameter.powi(3);
+        assert!(
+            (volume / ball - 1.0).abs() < 0.2,
+            "{organ} {}",
+            volume / ball
+        );
+        // Factors are the contrast in it, and 1 elsewhere.
+        let factors = &mesh.field("stiffness", Location::Cell).unwrap().values;
+        for (t, factor) in factors.iter().enumerate() {
+            let expected = if own.contains(&t) { 7.0 } else { 1.0 };
+            assert_eq!(*factor, expected);
+        }
+        // Its nearest point is as deep as asked for.
+        let topology = Topology::new(&mesh);
+        let boundary = topology.boundary.iter().map(|b| {
+            let nodes = topology.boundary_nodes(&mesh, *b);
+            nodes.map(|v| mesh.nodes[v as usize])
+        });
+        let faces: Vec<[DVec3; 3]> = boundary.collect();
+        let depth = |p: DVec3| {
+            let away = faces.iter().map(|f| point_triangle_distance(p, *f));
+            away.fold(f64::INFINITY, f64::min)
+        };
+        let mut nodes: Vec<u32> = own.iter().flat_map(|t| mesh.tets[*t]).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let nearest = nodes.iter().map(|v| depth(mesh.nodes[*v as usize]));
+        let nearest = nearest.fold(f64::INFINITY, f64::min);
+        assert!((nearest - lump.depth).abs() < 1.5e-3, "{organ} {nearest}");
+        // Without one there is none.
+        let plain = make(5_000, None).unwrap();
+        assert!(plain.region_names.values().all(|name| name != "lump"));
+        let factors = &plain.field("stiffness", Location::Cell).unwrap().values;
+        assert!(factors.iter().all(|f| *f == 1.0));
+        let told = |tets: usize, lump: Lump| make(tets, Some(lump)).unwrap_err().to_string();
+        let large = Lump {
+            diameter: 0.2,
+            ..lump
+        };
+        assert!(told(5_000, large).contains("does not fit"), "{organ}");
+        let small = Lump {
+            diameter: 1e-3,
+            ..lump
+        };
+        assert!(told(2_000, small).contains("ask for more tets"), "{organ}");
+        let wrong = Lump {
+            contrast: -1.0,
+            ..lump
+        };
+        assert!(told(5_000, wrong).contains("positive numbers"), "{organ}");
+        assert!(make(10, None).is_err());
+    }
 }
