@@ -31,12 +31,13 @@ pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
 pub use cut::{TetCut, cut, remove};
 pub use describe::{Description, FieldDescription, RegionDescription};
-pub(crate) use distance::Tree;
 pub use distance::{DEPTH, depth_field, point_triangle_distance};
+pub(crate) use distance::{Tree, nearest_weights};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub(crate) use grouped::grouped;
 pub use order::morton_order;
+pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
 pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,

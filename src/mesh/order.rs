@@ -14,14 +14,21 @@ const BITS: u32 = 21;
 ///
 /// Equal codes keep the order of the file, so the result is the same on every run.
 pub fn morton_order(mesh: &TetMesh) -> Vec<u32> {
-    let (low, high) = mesh.bounds();
+    order_of(mesh.tets.len(), mesh.bounds(), |t| {
+        mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0
+    })
+}
+
+/// The order of `count` points within a box along the Morton curve.
+pub(crate) fn order_of(
+    count: usize,
+    (low, high): (DVec3, DVec3),
+    point: impl Fn(usize) -> DVec3 + Sync,
+) -> Vec<u32> {
     let extent = (high - low).max_element();
     let cells = ((1u64 << BITS) - 1) as f64;
     let scale = if extent > 0.0 { cells / extent } else { 0.0 };
-    let mut keyed = parallel::map(mesh.tets.len(), |t| {
-        let centroid = mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0;
-        (morton_code((centroid - low) * scale), t as u32)
-    });
+    let mut keyed = parallel::map(count, |k| (morton_code((point(k) - low) * scale), k as u32));
     keyed.par_sort_unstable();
     keyed.into_iter().map(|(_, t)| t).collect()
 }

@@ -66,7 +66,7 @@ mod verlet;
 pub use acting::{Acting, LevelId, Muscle};
 pub use bodies::{Bodies, BodiesState, Member, MemberReport};
 pub use body::Body;
-pub use contact::{DistanceField, Overlap, Shape, Tool, ToolId, ToolPose, Touch};
+pub use contact::{DistanceField, Overlap, SelfContact, Shape, Tool, ToolId, ToolPose, Touch};
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
 pub use element_volume::VolumeModel;
 pub(crate) use elements::eigen;

@@ -3,7 +3,7 @@
 use super::{
     Acting, Bodies, BodiesState, ConjugateGradients, CpuGridState, CpuState, Engine, GrabId,
     GridState, Grip, Held, LedId, LevelId, Loads, NodeTerm, Nodes, Progress, Reaction, Report,
-    SolverKind, SpringNetwork, TetState, Tool, ToolId,
+    SelfContact, SolverKind, SpringNetwork, TetState, Tool, ToolId,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -101,6 +101,21 @@ pub trait Simulator: Send {
     /// The tools, in the order in which they were added.
     fn tools(&self) -> &[Tool] {
         &[]
+    }
+
+    /// Has the body's boundary feel itself from now on: its parts each other, and its folds. Returns
+    /// how many of its faces go through others as it is now; these push nothing until they are free.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for numbers that make no sense, and for all but a body of finite elements on
+    /// the processor that `implicit` or `bdf2` steps.
+    fn set_self_contact(&mut self, _: SelfContact) -> Result<usize> {
+        Err(only_cpu("bodies feel themselves"))
+    }
+
+    /// The body's contact with itself, if it has any.
+    fn self_contact(&self) -> Option<SelfContact> {
+        None
     }
 
     /// What the body exerts on each tool where it stands: the force, and its moment about the

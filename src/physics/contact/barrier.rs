@@ -3,6 +3,9 @@
 /// The gap over which the barrier is its logarithm; nearer it goes on by its second derivative.
 const NEAR: f64 = 0.2;
 
+/// The same between two parts of a boundary.
+const NEAREST: f64 = 1e-3;
+
 /// The smoothly clamped log barrier of incremental potential contact, b(g) = −(g − 1)² ln g for
 /// g < 1, of the gap over the one from which on it acts (Li et al. 2020, "Incremental Potential
 /// Contact", equation 6). Below g = 0.2 it goes on as a parabola: so points may be inside a tool
@@ -23,13 +26,24 @@ impl Barrier {
     #[cfg(test)]
     pub const HOLDS: f64 = 12.8;
 
-    /// At the gap `g`.
+    /// At the gap `g`, as tools have it.
     pub fn at(g: f64) -> Barrier {
+        Barrier::from(g, NEAR)
+    }
+
+    /// At the gap `g` between two parts of a boundary: these never pass each other, so that it is a
+    /// logarithm nearly all the way.
+    pub fn between(g: f64) -> Barrier {
+        Barrier::from(g, NEAREST)
+    }
+
+    /// At the gap `g`, as a parabola below `near`.
+    fn from(g: f64, near: f64) -> Barrier {
         if g >= 1.0 {
             return Barrier::default();
         }
-        if g < NEAR {
-            let (from, by) = (Barrier::at(NEAR), g - NEAR);
+        if g < near {
+            let (from, by) = (Barrier::from(near, near), g - near);
             return Barrier {
                 value: from.value + by * (from.slope + 0.5 * by * from.bend),
                 slope: from.slope + by * from.bend,
@@ -109,6 +123,11 @@ mod tests {
             let s = Slip::at(v, 0.2);
             [s.value, s.slope_over * v, s.bend]
         };
+        let between = |g: f64| {
+            let b = Barrier::between(g);
+            [b.value, b.slope, b.bend]
+        };
+        check(&between, &[1e-4, 2e-3, 0.1, 0.5, 1.5]);
         check(&slip, &[1e-3, 0.1, 0.19, 0.21, 3.0]);
     }
 

@@ -5,11 +5,17 @@
 
 mod barrier;
 mod field;
+mod hierarchy;
+mod own;
+mod pair;
 mod shape;
 mod tool;
 
 pub(super) use barrier::{Barrier, Slip};
 pub use field::DistanceField;
+pub(super) use hierarchy::{Bounds, Hierarchy, around};
+pub use own::SelfContact;
+pub(super) use pair::{Features, pierces};
 pub use shape::{Shape, Touch};
 pub(super) use tool::check_pose;
 pub use tool::{Overlap, Tool, ToolId, ToolPose};

@@ -6,11 +6,12 @@
 //! what is pressed hard stands off by nearly ĝ. Friction is Coulomb's, with the normal forces and
 //! normals of the iterate before (section 5 there), as a potential of velocities.
 
+use super::contact_blocks::Blocks;
 use super::contact_hull::{Hull, Sample};
 use super::pool::Plan;
 use super::real::Real;
 use super::terms::{At, Share, Term};
-use super::vectors::{Symmetric, V4, add, add_scaled, apply_symmetric, scale, zero};
+use super::vectors::{V4, add};
 use crate::physics::contact::{Barrier, Shape, Slip, Touch};
 use glam::{DMat3, DQuat, DVec3};
 
@@ -109,9 +110,6 @@ pub(super) struct Rub {
     pub drift: DVec3,
 }
 
-/// A point in contact, as last linearised: its number and h² times its block, with friction.
-type Active<T> = (u32, Symmetric<T>);
-
 /// The tools of a body.
 pub(super) struct Contact<T> {
     pub tools: Vec<Pressing>,
@@ -126,9 +124,7 @@ pub(super) struct Contact<T> {
     /// Time over which the tools go from where they were.
     pub time: f64,
     firsts: Vec<usize>,
-    active: Vec<Active<T>>,
-    /// Those with a node in each chunk.
-    acting: Vec<Vec<u32>>,
+    blocks: Blocks<T>,
     projected: bool,
 }
 
@@ -145,8 +141,7 @@ impl<T: Real> Contact<T> {
             least_speed,
             time: 0.0,
             firsts: (0..chunks).map(|c| plan.range(c).start).collect(),
-            active: Vec::new(),
-            acting: vec![Vec::new(); chunks],
+            blocks: Blocks::new(chunks),
             projected: false,
         }
     }
@@ -341,11 +336,10 @@ impl<T: Real> Term<T> for Contact<T> {
         self.projected = projected;
     }
 
-    fn linearise(&mut self, _: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
+    fn linearise(&mut self, plan: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
         let h = h.wide();
-        let mut active = std::mem::take(&mut self.active);
-        active.clear();
-        self.acting.iter_mut().for_each(Vec::clear);
+        let mut blocks = std::mem::replace(&mut self.blocks, Blocks::new(0));
+        blocks.clear();
         for (k, s) in self.samples.iter().enumerate() {
             let mut block = DMat3::ZERO;
             if let Some((tool, touch)) = self.touched(s, at.u) {
@@ -369,52 +363,17 @@ impl<T: Real> Term<T> for Contact<T> {
                 let way = outer(along) * (bend - slip.slope_over);
                 block += (across + way) * (h * rub.limit);
             }
-            if block != DMat3::ZERO {
-                active.push((k as u32, packed(&block)));
-            }
+            blocks.push(plan, s.spread(), &block, share.diagonal);
         }
-        for (a, (k, block)) in active.iter().enumerate() {
-            let s = &self.samples[*k as usize];
-            for (i, w) in s.corners() {
-                let share = &mut share.diagonal[i];
-                let square = T::of(w * w);
-                share
-                    .iter_mut()
-                    .zip(block)
-                    .for_each(|(d, b)| *d += square * *b);
-            }
-            for chunk in s.chunks() {
-                self.acting[chunk].push(a as u32);
-            }
-        }
-        self.active = active;
+        self.blocks = blocks;
     }
 
     fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
-        for a in &self.acting[chunk] {
-            let (k, block) = &self.active[*a as usize];
-            let s = &self.samples[*k as usize];
-            let mut sum = zero();
-            for (i, w) in s.corners() {
-                sum = add_scaled(sum, T::of(w), p[i]);
-            }
-            let force = apply_symmetric(block, sum);
-            for (i, w) in self.within(chunk, s, y.len()) {
-                y[i] = add(y[i], scale(T::of(w), force));
-            }
-        }
+        self.blocks.multiply((chunk, self.firsts[chunk]), p, y);
     }
 
     fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
-        for (k, block) in &self.active {
-            let m = unpacked(block);
-            let s = &self.samples[*k as usize];
-            for (i, v) in s.corners() {
-                for (j, w) in s.corners().filter(|(j, _)| i < *j) {
-                    visit([i as u32, j as u32], &(m * (v * w)));
-                }
-            }
-        }
+        self.blocks.pairs(visit);
     }
 
     fn contact(&self) -> Option<&Contact<T>> {
@@ -434,16 +393,6 @@ pub(super) fn narrow<T: Real>(v: DVec3) -> V4<T> {
     [T::of(v.x), T::of(v.y), T::of(v.z), T::ZERO]
 }
 
-fn outer(n: DVec3) -> DMat3 {
+pub(super) fn outer(n: DVec3) -> DMat3 {
     DMat3::from_cols(n * n.x, n * n.y, n * n.z)
-}
-
-fn packed<T: Real>(m: &DMat3) -> Symmetric<T> {
-    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
-    [x.x, y.y, z.z, x.y, x.z, y.z, 0.0, 0.0].map(T::of)
-}
-
-fn unpacked<T: Real>(m: &Symmetric<T>) -> DMat3 {
-    let [a, b, c, d, e, f, ..] = m.map(Real::wide);
-    DMat3::from_cols_array(&[a, d, e, d, b, f, e, f, c])
 }

@@ -43,6 +43,12 @@ impl Sample {
             .filter(|(_, w)| *w != 0.0)
     }
 
+    /// As a mean of four nodes.
+    pub fn spread(&self) -> ([u32; 4], [f64; 4]) {
+        let ([a, b, c], [u, v, w]) = (self.nodes, self.weights);
+        ([a, b, c, a], [u, v, w, 0.0])
+    }
+
     /// The chunks that these are in, each once.
     pub fn chunks(&self) -> impl Iterator<Item = usize> + use<> {
         let chunks = self.chunks;
@@ -63,10 +69,11 @@ pub(super) struct Near<'a> {
 #[derive(Clone, Debug)]
 pub(super) struct Hull {
     /// Rest positions of all nodes of the body.
-    rest: Vec<DVec3>,
+    pub rest: Vec<DVec3>,
     /// Nodes of the boundary, each with A K.
-    nodes: Vec<(u32, f64)>,
-    faces: Vec<([u32; 3], f64)>,
+    pub nodes: Vec<(u32, f64)>,
+    /// Faces of it, each with A K.
+    pub faces: Vec<([u32; 3], f64)>,
     /// The mean edge of these.
     pub edge: f64,
     /// Where the nodes were when points were last chosen, and how far they may go from there.

@@ -36,7 +36,7 @@ impl<T: Real> Minimiser<T> {
             trial.put(scene, &self.guesses, (form, self.mass_damping), rigid, at);
             trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
             let fall = before - trial.total();
-            if fall >= ENOUGH * length * gain - slack {
+            if fall >= ENOUGH * length * gain - slack && !self.passes(scene, terms) {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept();
                 return Some((length, fall));

@@ -10,6 +10,7 @@ mod cholesky;
 mod closest_rotation;
 mod coarse;
 mod contact;
+mod contact_blocks;
 mod contact_hull;
 mod contact_way;
 mod element_batches;
@@ -59,6 +60,10 @@ mod rigid_pose;
 #[cfg(test)]
 mod rigid_tests;
 mod rules;
+mod self_contact;
+#[cfg(test)]
+mod self_contact_tests;
+mod self_pairs;
 mod sending;
 mod simulator;
 mod spring_blocks;

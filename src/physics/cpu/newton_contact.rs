@@ -1,15 +1,16 @@
 //! Steps in which tools touch: guesses that come to no harm, tools that go their way in stages, and
 //! iterations until forces on tools are right.
 
-use super::contact::{Contact, narrow};
+use super::contact::{Contact, narrow, wide};
 use super::contact_way::WIDE;
 use super::implicit::{Implicit, Scene};
 use super::newton::{Minimiser, PROJECTED};
 use super::real::Real;
 use super::rigid::RigidBodies;
 use super::rules::Form;
+use super::self_contact::Touching;
 use super::terms::Term;
-use super::vectors::{V4, add, add_scaled, apply, scale, weight};
+use super::vectors::{V4, add, add_scaled, apply, scale, sub, weight};
 use crate::physics;
 use glam::DVec3;
 
@@ -50,8 +51,18 @@ pub(super) fn contact_mut<T: Real>(terms: &mut [Box<dyn Term<T>>]) -> Option<&mu
     terms.iter_mut().find_map(|t| t.contact_mut())
 }
 
+/// The body's contact with itself among some terms.
+pub(super) fn touching<T: Real>(terms: &[Box<dyn Term<T>>]) -> Option<&Touching<T>> {
+    terms.iter().find_map(|t| t.touching())
+}
+
+/// As [`touching`], to change it.
+pub(super) fn touching_mut<T: Real>(terms: &mut [Box<dyn Term<T>>]) -> Option<&mut Touching<T>> {
+    terms.iter_mut().find_map(|t| t.touching_mut())
+}
+
 impl<T: Real> Minimiser<T> {
-    /// Begins a step of tools: in how many stages they go, 0 where none comes near.
+    /// Begins a step of tools and of contact of the body with itself: in how many stages they go, 0 where none comes near.
     pub(super) fn begin_contact(
         &mut self,
         implicit: &mut Implicit<T>,
@@ -60,17 +71,13 @@ impl<T: Real> Minimiser<T> {
         form: Form,
     ) -> u32 {
         self.goal = self.settings;
-        let Some(contact) = contact_mut(terms) else {
-            return 0;
-        };
-        let fastest = scene
-            .at
-            .v
-            .iter()
-            .map(|v| weight(*v, *v))
-            .fold(0.0, f64::max);
-        let margin = 2.0 * form.reach * fastest.sqrt();
-        let stages = contact.begin(scene.at.u, (scene.free, scene.plan), (form.reach, margin));
+        let mut stages = 0;
+        if let Some(own) = touching_mut(terms) {
+            let moved = |i: usize| form.reach * wide(scene.at.v[i]);
+            let with = (scene.at.u, scene.free, scene.plan);
+            stages = u32::from(own.begin(with, &self.rigid, &moved));
+        }
+        stages = stages.max(self.begin_tools(scene, terms, form));
         if stages == 0 {
             return 0;
         }
@@ -88,6 +95,25 @@ impl<T: Real> Minimiser<T> {
         stages
     }
 
+    fn begin_tools(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+    ) -> u32 {
+        let Some(contact) = contact_mut(terms) else {
+            return 0;
+        };
+        let fastest = scene
+            .at
+            .v
+            .iter()
+            .map(|v| weight(*v, *v))
+            .fold(0.0, f64::max);
+        let margin = 2.0 * form.reach * fastest.sqrt();
+        contact.begin(scene.at.u, (scene.free, scene.plan), (form.reach, margin))
+    }
+
     /// Cuts the guess in `trial` short where it would go through tools, then has these go the share
     /// `to` of their way, for which nodes make way.
     pub(super) fn fit(
@@ -97,12 +123,10 @@ impl<T: Real> Minimiser<T> {
         form: Form,
         to: f64,
     ) {
-        let Some(contact) = contact_mut(terms) else {
-            return;
-        };
-        contact.stage(0.0);
-        let with = (scene.free, scene.plan);
-        let way = contact.way(scene.at.u, &self.trial.place, with);
+        if let Some(contact) = contact_mut(terms) {
+            contact.stage(0.0);
+        }
+        let way = self.way(scene, terms, scene.at.u, &self.trial.place);
         if way < 1.0 {
             self.moved.clone_from(&self.trial.delta);
             self.moved
@@ -126,16 +150,21 @@ impl<T: Real> Minimiser<T> {
         form: Form,
         [from, to]: [f64; 2],
     ) {
+        let how = (form, self.mass_damping);
+        // What makes way must not go through another part of the body.
+        let own = touching(terms).is_some();
+        let before = own.then(|| (self.trial.delta.clone(), self.trial.place.clone()));
         let Some(contact) = contact_mut(terms) else {
             return;
         };
-        let how = (form, self.mass_damping);
+        let mut any = false;
         for round in 0..ROUNDS {
             let start = if round == 0 { from } else { to };
             let pushed = contact.push_out(&self.trial.place, scene.free, [start, to]);
             if pushed.is_empty() {
                 break;
             }
+            any = true;
             self.moved.clone_from(&self.trial.delta);
             let mut shifts = vec![DVec3::ZERO; self.rigid.bodies.len()];
             for (i, by) in pushed {
@@ -150,6 +179,37 @@ impl<T: Real> Minimiser<T> {
             let at = |i: usize| moved[i];
             self.trial.put(scene, &self.guesses, how, &self.rigid, at);
         }
+        let (Some(own), Some((before, places))) = (touching_mut(terms).filter(|_| any), before)
+        else {
+            return;
+        };
+        let with = (scene.free, scene.plan);
+        let way = own.way(&places, &self.trial.place, with, &self.rigid);
+        if way < 1.0 {
+            let part = T::of(way);
+            let ends = before.iter().zip(&self.trial.delta);
+            let shortened = ends.map(|(a, b)| add_scaled(*a, part, sub(*b, *a)));
+            self.moved = shortened.collect();
+            let moved = &self.moved;
+            let at = |i: usize| moved[i];
+            self.rigid.guess(at);
+            self.trial.put(scene, &self.guesses, how, &self.rigid, at);
+        }
+    }
+
+    /// The part of the way between two displacements on which no point goes too deep into a tool,
+    /// and no part of the body through another.
+    fn way(
+        &self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        from: &[V4<T>],
+        to: &[V4<T>],
+    ) -> f64 {
+        let with = (scene.free, scene.plan);
+        let tools = contact_mut(terms).map_or(1.0, |c| c.way(from, to, with));
+        let own = touching_mut(terms);
+        tools.min(own.map_or(1.0, |own| own.way(from, to, with, &self.rigid)))
     }
 
     /// Goes one iteration, and has the tools go on to the share `to` of their way. Returns the
@@ -189,7 +249,9 @@ impl<T: Real> Minimiser<T> {
         terms: &mut [Box<dyn Term<T>>],
         form: Form,
     ) -> bool {
+        let own = touching_mut(terms).map_or(0.0, |own| own.rub(&self.best.place));
         let change = contact_mut(terms).map_or(0.0, |c| c.rub(&self.best.place));
+        let change = change.max(own);
         if change > 0.0 {
             let (best, scratch) = (&mut self.best, &mut self.forces);
             best.weigh(scene, terms, &self.lagged, scratch, form);
@@ -225,32 +287,45 @@ impl<T: Real> Minimiser<T> {
         terms: &[Box<dyn Term<T>>],
         form: Form,
     ) -> f64 {
-        let Some(contact) = contact(terms) else {
-            return 0.0;
-        };
         let (inverse, square) = (&implicit.solver.inverse, form.gamma * form.gamma);
-        contact.weight(&self.best.place, |i, f| {
+        let over = |i: usize, f: DVec3| {
             let force = narrow(square * f);
             weight(force, apply(&inverse[i], force))
-        })
+        };
+        let place = &self.best.place;
+        let own = touching(terms).map_or(0.0, |own| own.weight(place, over));
+        own + contact(terms).map_or(0.0, |contact| contact.weight(place, over))
     }
 
-    /// The part of the whole direction on which no point goes too deep into a tool.
+    /// The part of the whole direction on which no point goes too deep into a tool, and no part of
+    /// the body through another.
     pub(super) fn free_way(
         &mut self,
         scene: &Scene<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         direction: &[V4<T>],
     ) -> f64 {
-        let Some(contact) = contact_mut(terms) else {
+        if contact(terms).is_none() && touching(terms).is_none() {
             return 1.0;
-        };
+        }
         self.moved.clone_from(&self.best.place);
         let ways = direction.iter().zip(scene.free);
         for (to, (by, free)) in self.moved.iter_mut().zip(ways) {
             *to = add_scaled(*to, *free, *by);
         }
-        contact.way(&self.best.place, &self.moved, (scene.free, scene.plan))
+        self.way(scene, terms, &self.best.place, &self.moved)
+    }
+
+    /// Whether the trial passes anything on its straight way from the best one: rigid bodies turn,
+    /// and so do not go along their direction.
+    pub(super) fn passes(&self, scene: &Scene<'_, T>, terms: &mut [Box<dyn Term<T>>]) -> bool {
+        if self.rigid.is_empty() {
+            return false;
+        }
+        let with = (scene.free, scene.plan);
+        let (from, to) = (&self.best.place, &self.trial.place);
+        let own = touching_mut(terms);
+        own.is_some_and(|own| own.way(from, to, with, &self.rigid) < 1.0)
     }
 }
 

@@ -3,15 +3,16 @@
 use super::guard::Failure;
 use super::sending::{all_loads, send_loads};
 use super::stepped::{LoadChange, Precision, TetBody};
-use super::tools::check_tools;
+use super::tools::check_contact;
 use super::worker::{Errand, Refusal, Span, Worker};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology, cut};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
     Acting, ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, LevelId, Loads, Material,
-    NodeTerm, Nodes, Pose, Progress, Reaction, Report, Simulator, SimulatorState, SolverKind,
-    SpringNetwork, Tool, ToolId, TopologyChange, advice, largest_stable_step, with_terms,
+    NodeTerm, Nodes, Pose, Progress, Reaction, Report, SelfContact, Simulator, SimulatorState,
+    SolverKind, SpringNetwork, Tool, ToolId, TopologyChange, advice, largest_stable_step,
+    with_terms,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -35,6 +36,7 @@ pub struct CpuTets {
     /// Pressures and muscles, in the order of their levels.
     acting: Vec<Acting>,
     tools: Vec<Tool>,
+    self_contact: Option<SelfContact>,
     precision: Precision,
     worker: Worker<dyn TetBody>,
     nodes: Nodes,
@@ -110,6 +112,7 @@ impl CpuTets {
             terms: Vec::new(),
             acting: Vec::new(),
             tools: Vec::new(),
+            self_contact: None,
             precision,
             worker: Worker::new(body),
             nodes,
@@ -204,6 +207,9 @@ impl CpuTets {
             };
             body.add_tool(&there, &faces, &self.network);
         }
+        if let Some(wanted) = &self.self_contact {
+            body.set_self_contact(wanted, &faces, &self.network);
+        }
         body.take_over(LoadChange {
             gravity: self.loads.gravity(),
             levels: Some(self.loads.levels().to_vec()),
@@ -285,7 +291,10 @@ impl Simulator for CpuTets {
 
     fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
         if !self.tools.is_empty() {
-            check_tools(&self.network, kind)?;
+            check_contact("tools", &self.network, kind)?;
+        }
+        if self.self_contact.is_some() {
+            check_contact("itself", &self.network, kind)?;
         }
         self.worker.rest();
         let (positions, velocities) = (self.positions()?, self.velocities()?);
@@ -323,7 +332,7 @@ impl Simulator for CpuTets {
 
     fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
         tool.check()?;
-        check_tools(&self.network, self.kind)?;
+        check_contact("tools", &self.network, self.kind)?;
         let faces = self.boundary();
         self.worker.body().add_tool(&tool, &faces, &self.network);
         let id = self.loads.add_tool(tool.pose);
@@ -334,6 +343,22 @@ impl Simulator for CpuTets {
 
     fn tools(&self) -> &[Tool] {
         &self.tools
+    }
+
+    fn set_self_contact(&mut self, wanted: SelfContact) -> Result<usize> {
+        wanted.check()?;
+        check_contact("itself", &self.network, self.kind)?;
+        let faces = self.boundary();
+        let mut body = self.worker.body();
+        let through = body.set_self_contact(&wanted, &faces, &self.network);
+        drop(body);
+        self.self_contact = Some(wanted);
+        self.changes += 1;
+        Ok(through)
+    }
+
+    fn self_contact(&self) -> Option<SelfContact> {
+        self.self_contact
     }
 
     fn tool_forces(&mut self) -> Result<Vec<Reaction>> {

@@ -10,7 +10,7 @@ use super::real::Real;
 use super::tools::Guided;
 use crate::physics::grid::GridModel;
 use crate::physics::{
-    ConjugateGradients, Muscle, NodeTerm, SolverKind, SpringNetwork, StepRecord, Tool,
+    ConjugateGradients, Muscle, NodeTerm, SelfContact, SolverKind, SpringNetwork, StepRecord, Tool,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -85,6 +85,15 @@ pub(super) trait TetBody: Stepped {
 
     /// Adds a tool that presses on the boundary faces of `network`, which this body is.
     fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &SpringNetwork);
+
+    /// Has the body feel itself at the boundary faces of `network`, which it is; how many of these go
+    /// through others.
+    fn set_self_contact(
+        &mut self,
+        wanted: &SelfContact,
+        faces: &[[u32; 3]],
+        network: &SpringNetwork,
+    ) -> usize;
 
     /// The force on each tool, N, and its moment about the origin of the tool's shape, N·m.
     fn tool_forces(&self) -> Vec<[DVec3; 2]>;
@@ -220,6 +229,15 @@ impl<T: Real> TetBody for CpuBody<T> {
 
     fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &SpringNetwork) {
         CpuBody::add_tool(self, tool, faces, network);
+    }
+
+    fn set_self_contact(
+        &mut self,
+        wanted: &SelfContact,
+        faces: &[[u32; 3]],
+        network: &SpringNetwork,
+    ) -> usize {
+        CpuBody::set_self_contact(self, wanted, faces, network)
     }
 
     fn tool_forces(&self) -> Vec<[DVec3; 2]> {

@@ -3,6 +3,7 @@
 use super::contact::Contact;
 use super::pool::Plan;
 use super::real::Real;
+use super::self_contact::Touching;
 use super::vectors::{Symmetric, V4};
 use glam::DMat3;
 use std::ops::Range;
@@ -87,6 +88,16 @@ pub trait Term<T: Real>: Send + Sync {
 
     /// As [`Term::contact`], to move them.
     fn contact_mut(&mut self) -> Option<&mut Contact<T>> {
+        None
+    }
+
+    /// The body's contact with itself, of the term that it is.
+    fn touching(&self) -> Option<&Touching<T>> {
+        None
+    }
+
+    /// As [`Term::touching`], to change it.
+    fn touching_mut(&mut self) -> Option<&mut Touching<T>> {
         None
     }
 

@@ -3,11 +3,12 @@
 use super::body::{CpuBody, Start};
 use super::contact::{Contact, Pressing, ToolPlace};
 use super::contact_hull::Hull;
-use super::newton_contact::{clear, contact, contact_mut};
+use super::newton_contact::{clear, contact, contact_mut, touching_mut};
 use super::real::Real;
+use super::self_contact::Touching;
 use super::terms::At;
 use crate::physics::contact::check_pose;
-use crate::physics::{SolverKind, SpringNetwork, Tool, ToolPose};
+use crate::physics::{SelfContact, SolverKind, SpringNetwork, Tool, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -15,6 +16,9 @@ use glam::DVec3;
 /// of the body's boundary.
 const OF_SIZE: f64 = 1.0 / 2000.0;
 const OF_EDGE: f64 = 1.0 / 100.0;
+
+/// The gap from which on parts of a body push each other, over the mean edge of its boundary.
+const BETWEEN: f64 = 1.0 / 20.0;
 
 /// And at least, over the extent of the body: f32 resolves a hundredth of it.
 const LEAST: f64 = 2e-5;
@@ -29,20 +33,20 @@ const YOUNG: f64 = 2.8;
 /// without going there.
 pub(super) type Guided = (ToolPose, u64);
 
-/// Refuses tools on bodies that cannot be stepped with them.
+/// Refuses contact with `what` of bodies that cannot be stepped with it.
 ///
 /// # Errors
 /// [`Error::Input`].
-pub(super) fn check_tools(network: &SpringNetwork, kind: SolverKind) -> Result<()> {
+pub(super) fn check_contact(what: &str, network: &SpringNetwork, kind: SolverKind) -> Result<()> {
     if network.elements.is_empty() {
-        return Err(Error::Input(
-            "tools press on finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)".into(),
-        ));
+        return Err(Error::Input(format!(
+            "contact with {what} is of finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)"
+        )));
     }
     match kind {
         SolverKind::Implicit | SolverKind::Bdf2 => Ok(()),
         _ => Err(Error::Input(format!(
-            "{kind} steps no bodies that tools press on: take implicit or bdf2"
+            "{kind} knows no contact with {what}: take implicit or bdf2"
         ))),
     }
 }
@@ -82,6 +86,27 @@ impl<T: Real> CpuBody<T> {
             jumps: 0,
         });
         self.changed(Start::Restart);
+    }
+
+    /// Has the body feel itself from now on, as `wanted` says; its boundary is `faces` of `network`,
+    /// which it is. How many of these go through others as it is now.
+    pub fn set_self_contact(
+        &mut self,
+        wanted: &SelfContact,
+        faces: &[[u32; 3]],
+        network: &SpringNetwork,
+    ) -> usize {
+        self.terms.retain(|term| term.touching().is_none());
+        let hull = self.hull(faces, network);
+        let gap = match wanted.gap {
+            Some(gap) => gap * network.length_unit / self.units.length,
+            None => BETWEEN * hull.edge,
+        };
+        let settings = [wanted.friction, gap.max(LEAST), HOLDS * self.units.time];
+        let mut term = Touching::new(hull, &self.plan, settings);
+        let through = term.surface.untangle(&self.now.u);
+        self.add_term(Box::new(term));
+        through
     }
 
     /// Says where each tool is to be at the end of the next step.
@@ -143,8 +168,12 @@ impl<T: Real> CpuBody<T> {
             .collect()
     }
 
-    /// Moves what lies inside tools out of them, before a first step.
+    /// Moves what lies inside tools out of them, and looks which parts of the body go through each
+    /// other, before a first step.
     pub(super) fn clear_tools(&mut self) {
+        if let Some(own) = touching_mut(&mut self.terms) {
+            own.surface.untangle(&self.now.u);
+        }
         let Some(contact) = contact_mut(&mut self.terms) else {
             return;
         };

@@ -1,0 +1,114 @@
+//! A hierarchy of boxes over parts of a boundary, made once and refitted as these move.
+
+use crate::mesh::order_of;
+use glam::DVec3;
+
+/// Low and high corners.
+pub(in crate::physics) type Bounds = [DVec3; 2];
+
+/// Parts in a leaf.
+const LEAF: usize = 4;
+
+/// A complete binary tree over parts in the order of a Morton curve.
+#[derive(Clone, Debug)]
+pub(in crate::physics) struct Hierarchy {
+    /// The parts, in order.
+    order: Vec<u32>,
+    /// Boxes: the root is the first, the children of k are 2k + 1 and 2k + 2.
+    boxes: Vec<Bounds>,
+    /// Boxes before the first leaf.
+    inner: usize,
+    /// The box of each part.
+    parts: Vec<Bounds>,
+}
+
+/// A box with nothing in it.
+const EMPTY: Bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+
+/// The smallest box around two.
+pub(in crate::physics) fn around([a, b]: Bounds, [c, d]: Bounds) -> Bounds {
+    [a.min(c), b.max(d)]
+}
+
+/// Whether two boxes have a point in common.
+pub(in crate::physics) fn meet([a, b]: &Bounds, [c, d]: &Bounds) -> bool {
+    a.cmple(*d).all() && c.cmple(*b).all()
+}
+
+impl Hierarchy {
+    /// Over `count` parts whose middles are these.
+    pub fn new(count: usize, middle: impl Fn(usize) -> DVec3 + Sync) -> Hierarchy {
+        let all = (0..count).fold(EMPTY, |all, k| around(all, [middle(k); 2]));
+        let leaves = count.div_ceil(LEAF).max(1).next_power_of_two();
+        Hierarchy {
+            order: order_of(count, (all[0], all[1]), middle),
+            boxes: vec![EMPTY; 2 * leaves - 1],
+            inner: leaves - 1,
+            parts: vec![EMPTY; count],
+        }
+    }
+
+    /// Fits it to the boxes that the parts have now.
+    pub fn refit(&mut self, of: impl Fn(usize) -> Bounds) {
+        for (k, own) in self.parts.iter_mut().enumerate() {
+            *own = of(k);
+        }
+        self.boxes.fill(EMPTY);
+        for (n, k) in self.order.iter().enumerate() {
+            let leaf = &mut self.boxes[self.inner + n / LEAF];
+            *leaf = around(*leaf, self.parts[*k as usize]);
+        }
+        for k in (0..self.inner).rev() {
+            self.boxes[k] = around(self.boxes[2 * k + 1], self.boxes[2 * k + 2]);
+        }
+    }
+
+    /// Visits the parts whose boxes meet `wanted`, in an order that depends on nothing else.
+    pub fn visit(&self, wanted: &Bounds, mut each: impl FnMut(u32)) {
+        let mut stack = vec![0usize];
+        while let Some(k) = stack.pop() {
+            if !meet(&self.boxes[k], wanted) {
+                continue;
+            }
+            if k < self.inner {
+                stack.extend([2 * k + 2, 2 * k + 1]);
+                continue;
+            }
+            let first = (k - self.inner) * LEAF;
+            let last = (first + LEAF).min(self.order.len());
+            for part in &self.order[first.min(last)..last] {
+                if meet(&self.parts[*part as usize], wanted) {
+                    each(*part);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::contact::pair::scattered;
+
+    #[test]
+    fn it_finds_the_boxes_that_meet_and_no_others() {
+        for count in [0, 1, 3, 4, 5, 63, 200] {
+            let middles = scattered(count, 1);
+            let mut hierarchy = Hierarchy::new(count, |k| middles[k]);
+            for seed in 2..6 {
+                let corners = scattered(2 * count + 2, seed);
+                let boxed = |k: usize, size: f64| {
+                    let (p, size) = (corners[2 * k], size * corners[2 * k + 1].abs());
+                    [p - size, p + size]
+                };
+                hierarchy.refit(|k| boxed(k, 0.2));
+                let wanted = boxed(count, 0.5);
+                let mut found = Vec::new();
+                hierarchy.visit(&wanted, |k| found.push(k as usize));
+                found.sort_unstable();
+                let all = (0..count).filter(|k| meet(&boxed(*k, 0.2), &wanted));
+                assert_eq!(found, all.collect::<Vec<_>>());
+            }
+        }
+    }
+}

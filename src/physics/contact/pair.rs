@@ -1,0 +1,290 @@
+//! Pairs of features of a boundary that may touch: a vertex and a face, or two edges.
+
+use crate::mesh::nearest_weights;
+use glam::DVec3;
+
+/// Advances of one pair at most.
+const ADVANCES: usize = 64;
+
+/// The part of its distance that a pair keeps on its way.
+const KEPT: f64 = 0.2;
+
+/// Edges count as parallel by the square of the sine between them from this on, in part (Li et al.
+/// 2020, equation 23).
+const PARALLEL: f64 = 1e-3;
+
+/// The two features of a pair, by four points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::physics) enum Features {
+    /// A vertex, and the three of a face.
+    VertexFace,
+    /// Two of an edge, and two of another.
+    EdgeEdge,
+}
+
+/// Where two features are nearest to each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::physics) struct Nearest {
+    /// Σ w x over the four points leads from the second feature to the first.
+    pub weights: [f64; 4],
+    pub distance: f64,
+    /// Unit vector that way; 0 where they meet.
+    pub normal: DVec3,
+}
+
+impl Features {
+    /// Where they are nearest with their points at `x`.
+    pub fn nearest(self, x: &[DVec3; 4]) -> Nearest {
+        let weights = match self {
+            Features::VertexFace => {
+                let [a, b, c] = nearest_weights(x[0], [x[1], x[2], x[3]]);
+                [1.0, -a, -b, -c]
+            }
+            Features::EdgeEdge => {
+                let [s, t] = nearest_of_edges(x);
+                [1.0 - s, s, t - 1.0, -t]
+            }
+        };
+        let apart: DVec3 = (0..4).map(|k| weights[k] * x[k]).sum();
+        let distance = apart.length();
+        Nearest {
+            weights,
+            distance,
+            normal: if distance > 0.0 {
+                apart / distance
+            } else {
+                DVec3::ZERO
+            },
+        }
+    }
+
+    /// By how much two features approach each other at most when their points move by these.
+    pub fn approach(self, moved: &[DVec3; 4]) -> f64 {
+        let mean = moved.iter().sum::<DVec3>() / 4.0;
+        let [a, b, c, d] = moved.map(|by| (by - mean).length());
+        match self {
+            Features::VertexFace => a + b.max(c).max(d),
+            Features::EdgeEdge => a.max(b) + c.max(d),
+        }
+    }
+
+    /// The part of the straight ways of four points on which the features keep a part of their
+    /// distance: by conservative advancement, after Li et al. 2021, "Codimensional incremental
+    /// potential contact", section 5.
+    pub fn free_way(self, from: &[DVec3; 4], to: &[DVec3; 4]) -> f64 {
+        let moved = [0, 1, 2, 3].map(|k| to[k] - from[k]);
+        let approach = self.approach(&moved);
+        let least = KEPT * self.nearest(from).distance;
+        let start = self.nearest(from).distance - least;
+        let (mut t, mut free) = (0.0, start);
+        for _ in 0..ADVANCES {
+            if (1.0 - t) * approach <= free {
+                return 1.0;
+            }
+            if free <= 1e-2 * start {
+                break;
+            }
+            t += free / approach;
+            let at = [0, 1, 2, 3].map(|k| from[k].lerp(to[k], t));
+            free = self.nearest(&at).distance - least;
+        }
+        t
+    }
+
+    /// How much two edges count that are nearly parallel, where their distance turns sharply, and
+    /// the slope of that at the four points; `rest` are their lengths at rest. 1 of other pairs.
+    pub fn share(self, x: &[DVec3; 4], rest: [f64; 2]) -> (f64, [DVec3; 4]) {
+        let whole = (1.0, [DVec3::ZERO; 4]);
+        if self == Features::VertexFace {
+            return whole;
+        }
+        let (a, b) = (x[1] - x[0], x[3] - x[2]);
+        let across = a.cross(b);
+        let least = PARALLEL * (rest[0] * rest[1]).powi(2);
+        let part = across.length_squared() / least;
+        if part >= 1.0 || least <= 0.0 {
+            return whole;
+        }
+        let slope = 2.0 * (2.0 - 2.0 * part) / least;
+        let (by_a, by_b) = (slope * b.cross(across), slope * across.cross(a));
+        (part * (2.0 - part), [-by_a, by_a, -by_b, by_b])
+    }
+}
+
+/// Where on two edges the points are that are nearest to each other, from 0 to 1 (Ericson,
+/// *Real-Time Collision Detection*, 5.1.9).
+fn nearest_of_edges([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
+    let (u, v, w) = (*b - *a, *d - *c, *a - *c);
+    let (uu, vv, uv) = (u.length_squared(), v.length_squared(), u.dot(v));
+    let (uw, vw) = (u.dot(w), v.dot(w));
+    if uu <= 0.0 && vv <= 0.0 {
+        return [0.0; 2];
+    }
+    if uu <= 0.0 {
+        return [0.0, (vw / vv).clamp(0.0, 1.0)];
+    }
+    if vv <= 0.0 {
+        return [(-uw / uu).clamp(0.0, 1.0), 0.0];
+    }
+    let across = uu * vv - uv * uv;
+    let s = match across > 1e-12 * uu * vv {
+        true => ((uv * vw - uw * vv) / across).clamp(0.0, 1.0),
+        // Parallel: any point will do.
+        false => 0.0,
+    };
+    let t = (uv * s + vw) / vv;
+    match t {
+        t if t < 0.0 => [(-uw / uu).clamp(0.0, 1.0), 0.0],
+        t if t > 1.0 => [((uv - uw) / uu).clamp(0.0, 1.0), 1.0],
+        t => [s, t],
+    }
+}
+
+/// Whether an edge goes through a face.
+pub(in crate::physics) fn pierces([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3]) -> bool {
+    let side = |x: DVec3| (b - a).cross(c - a).dot(x - a);
+    if side(p) * side(q) > 0.0 {
+        return false;
+    }
+    let turn = |u: DVec3, v: DVec3| (u - p).cross(v - p).dot(q - p);
+    let turns = [turn(a, b), turn(b, c), turn(c, a)];
+    let area = (b - a).cross(c - a).length_squared();
+    area > 0.0
+        && side(p) != side(q)
+        && (turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0))
+}
+
+/// Points in a cube from −1 to 1, by a linear congruential generator.
+#[cfg(test)]
+pub(super) fn scattered(count: usize, seed: u64) -> Vec<DVec3> {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut next = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    let mut point = || DVec3::new(next(), next(), next());
+    (0..count).map(|_| point()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: [Features; 2] = [Features::VertexFace, Features::EdgeEdge];
+
+    /// So many sets of four points.
+    fn points(count: usize, seed: u64) -> Vec<[DVec3; 4]> {
+        let all = scattered(4 * count, seed);
+        let fours = all.chunks_exact(4);
+        fours.map(|x| [x[0], x[1], x[2], x[3]]).collect()
+    }
+
+    /// The least distance over a lattice on both features.
+    fn searched(features: Features, x: &[DVec3; 4]) -> f64 {
+        let n = 60;
+        let part = |k: i32| f64::from(k) / f64::from(n);
+        let mut least = f64::INFINITY;
+        for i in 0..=n {
+            for j in 0..=n {
+                let (p, q) = match features {
+                    Features::VertexFace if i + j <= n => {
+                        let along = part(i) * (x[2] - x[1]) + part(j) * (x[3] - x[1]);
+                        (x[0], x[1] + along)
+                    }
+                    Features::VertexFace => continue,
+                    Features::EdgeEdge => (x[0].lerp(x[1], part(i)), x[2].lerp(x[3], part(j))),
+                };
+                least = least.min(p.distance(q));
+            }
+        }
+        least
+    }
+
+    #[test]
+    fn nearest_points_are_nearest() {
+        for features in ALL {
+            for x in points(200, 1) {
+                let found = features.nearest(&x);
+                let sum: f64 = found.weights.iter().sum();
+                assert!(sum.abs() < 1e-12);
+                let least = searched(features, &x);
+                assert!(found.distance <= least + 1e-12);
+                assert!(
+                    least - found.distance < 0.05,
+                    "{features:?} {least} {found:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_way_that_is_free_is_free_and_no_more_than_a_way_through() {
+        let mut stopped = 0;
+        for features in ALL {
+            for (from, to) in points(500, 2).into_iter().zip(points(500, 3)) {
+                let way = features.free_way(&from, &to);
+                let at = |t: f64| {
+                    let x = [0, 1, 2, 3].map(|k| from[k].lerp(to[k], t));
+                    features.nearest(&x).distance
+                };
+                let start = at(0.0);
+                for k in 0..=200 {
+                    let t = way * f64::from(k) / 200.0;
+                    assert!(at(t) >= 0.99 * KEPT * start, "{features:?} {way} {t}");
+                }
+                if way < 1.0 {
+                    // Stopped by something near.
+                    stopped += 1;
+                    assert!(
+                        at(way) <= 0.3 * start,
+                        "{features:?} {way} {}",
+                        at(way) / start
+                    );
+                }
+            }
+        }
+        assert!(stopped > 50, "{stopped}");
+    }
+
+    #[test]
+    fn the_share_of_parallel_edges_has_its_slope() {
+        let mut some = 0;
+        for mut x in points(200, 4) {
+            // Nearly parallel.
+            x[3] = x[2] + (x[1] - x[0]) + 0.02 * (x[3] - x[2]);
+            let rest = [x[0].distance(x[1]), x[2].distance(x[3])];
+            let (share, slope) = Features::EdgeEdge.share(&x, rest);
+            assert!((0.0..=1.0).contains(&share));
+            some += u32::from(share < 1.0);
+            for k in 0..4 {
+                for axis in DVec3::AXES {
+                    let e = 1e-7;
+                    let moved = |by: f64| {
+                        let mut y = x;
+                        y[k] += by * axis;
+                        Features::EdgeEdge.share(&y, rest).0
+                    };
+                    let found = (moved(e) - moved(-e)) / (2.0 * e);
+                    let own = slope[k].dot(axis);
+                    assert!(
+                        (found - own).abs() < 1e-3 * (1.0 + own.abs()),
+                        "{found} {own}"
+                    );
+                }
+            }
+        }
+        assert!(some > 50);
+    }
+
+    #[test]
+    fn edges_go_through_faces_or_not() {
+        let face = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let at = |x: f64, y: f64, z: [f64; 2]| z.map(|z| DVec3::new(x, y, z));
+        assert!(pierces(at(0.2, 0.2, [-1.0, 1.0]), face));
+        assert!(pierces(at(0.2, 0.2, [1.0, -1.0]), face));
+        assert!(!pierces(at(0.8, 0.8, [-1.0, 1.0]), face));
+        assert!(!pierces(at(0.2, 0.2, [0.1, 1.0]), face));
+    }
+}

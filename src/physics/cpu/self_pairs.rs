@@ -1,0 +1,222 @@
+//! Which features of a body's boundary may come near each other in a step.
+
+use super::contact::wide;
+use super::contact_hull::Hull;
+use super::pool::Plan;
+use super::real::Real;
+use super::rigid::RigidBodies;
+use super::vectors::V4;
+use crate::parallel;
+use crate::physics::contact::{Bounds, Features, Hierarchy, around, pierces};
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// The gap of a pair that is nearer at rest, over its distance there.
+const AT_REST: f64 = 0.8;
+
+/// Pairs whose gap would be less than this part of the others' coincide at rest, and are left alone.
+const COINCIDES: f64 = 1e-2;
+
+/// A vertex counts for so much of its area, and an edge: each place has several pairs on both sides.
+const SHARE: f64 = 0.25;
+
+/// Two features that may come near each other.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pair {
+    pub nodes: [u32; 4],
+    pub features: Features,
+    /// The gap from which on they push each other.
+    pub gap: f64,
+    /// A K.
+    pub weight: f64,
+    /// Lengths of two edges at rest.
+    pub lengths: [f64; 2],
+    pub chunks: [u32; 4],
+}
+
+impl Pair {
+    /// The chunks of its nodes, each once.
+    pub fn homes(&self) -> impl Iterator<Item = usize> + use<> {
+        let chunks = self.chunks;
+        (0..4)
+            .filter(move |k| chunks[..*k].iter().all(|c| *c != chunks[*k]))
+            .map(move |k| chunks[k] as usize)
+    }
+}
+
+/// The boundary, as it meets itself.
+#[derive(Clone, Debug)]
+pub(super) struct Surface {
+    hull: Hull,
+    edges: Vec<([u32; 2], f64)>,
+    faces_tree: Hierarchy,
+    edges_tree: Hierarchy,
+    /// Where nodes of the boundary are in a step: from one place to another, and how far from there.
+    ways: BTreeMap<u32, [DVec3; 2]>,
+    margin: f64,
+    /// Nodes of features that go through each other: they push nothing until they are free.
+    tangled: Vec<bool>,
+}
+
+impl Surface {
+    pub fn new(hull: Hull) -> Surface {
+        let mut edges: BTreeMap<[u32; 2], f64> = BTreeMap::new();
+        for ([a, b, c], weight) in &hull.faces {
+            for [i, j] in [[a, b], [b, c], [c, a]] {
+                *edges.entry([*i.min(j), *i.max(j)]).or_default() += weight / 3.0;
+            }
+        }
+        let edges: Vec<([u32; 2], f64)> = edges.into_iter().collect();
+        let at = |v: u32| hull.rest[v as usize];
+        let faces_tree = Hierarchy::new(hull.faces.len(), |k| {
+            hull.faces[k].0.iter().map(|v| at(*v)).sum::<DVec3>() / 3.0
+        });
+        let edges_tree = Hierarchy::new(edges.len(), |k| {
+            edges[k].0.iter().map(|v| at(*v)).sum::<DVec3>() / 2.0
+        });
+        Surface {
+            tangled: vec![false; hull.rest.len()],
+            hull,
+            edges,
+            faces_tree,
+            edges_tree,
+            ways: BTreeMap::new(),
+            margin: 0.0,
+        }
+    }
+
+    /// The mean edge.
+    pub fn edge(&self) -> f64 {
+        self.hull.edge
+    }
+
+    /// Where a node is.
+    #[inline]
+    pub fn place<T: Real>(&self, i: u32, u: &[V4<T>]) -> DVec3 {
+        self.hull.place(i as usize, u)
+    }
+
+    /// How far the nodes of the boundary are at `u` from the ways that pairs were chosen for, and
+    /// how far they may be.
+    pub fn strayed<T: Real>(&self, u: &[V4<T>]) -> [f64; 2] {
+        let off = self.ways.iter().map(|(i, [a, b])| {
+            let (p, way) = (self.place(*i, u), *b - *a);
+            let along = (p - *a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE);
+            p.distance_squared(*a + along.clamp(0.0, 1.0) * way)
+        });
+        [off.fold(0.0, f64::max).sqrt(), self.margin]
+    }
+
+    /// Looks which features go through each other at `u`. How many faces do.
+    pub fn untangle<T: Real>(&mut self, u: &[V4<T>]) -> usize {
+        let at = |v: u32| self.hull.place(v as usize, u);
+        let boxed = |nodes: &[u32]| {
+            let boxes = nodes.iter().map(|v| [at(*v); 2]);
+            boxes.reduce(around).unwrap_or_default()
+        };
+        let (faces, edges) = (&self.hull.faces, &self.edges);
+        self.faces_tree.refit(|k| boxed(&faces[k].0));
+        let tree = &self.faces_tree;
+        let found = parallel::collect(edges.len(), |range, found| {
+            for k in range {
+                let edge = &edges[k].0;
+                tree.visit(&boxed(edge), |f| {
+                    let face = &faces[f as usize].0;
+                    let apart = edge.iter().all(|v| !face.contains(v));
+                    if apart && pierces(edge.map(at), face.map(at)) {
+                        found.push((k, f as usize));
+                    }
+                });
+            }
+        });
+        self.tangled.fill(false);
+        let mut pierced = vec![false; faces.len()];
+        for (edge, face) in found {
+            pierced[face] = true;
+            let nodes = edges[edge].0.iter().chain(&faces[face].0);
+            nodes.for_each(|v| self.tangled[*v as usize] = true);
+        }
+        pierced.iter().filter(|p| **p).count()
+    }
+
+    /// Whether any feature went through another when that was last looked at.
+    pub fn is_tangled(&self) -> bool {
+        self.tangled.contains(&true)
+    }
+
+    /// Chooses the pairs that may come nearer than `gap` while nodes stay within `margin` of their
+    /// ways from `u` on, by `moved`. Pairs of which no node is free, or that are of one rigid body,
+    /// are none.
+    pub fn choose<T: Real>(
+        &mut self,
+        (u, free, plan): (&[V4<T>], &[T], &Plan),
+        rigid: &RigidBodies,
+        moved: &(dyn Fn(usize) -> DVec3 + Sync),
+        (gap, margin): (f64, f64),
+    ) -> Vec<Pair> {
+        self.margin = margin;
+        let way = |v: u32| {
+            let at = self.hull.rest[v as usize] + wide(u[v as usize]);
+            [at, at + moved(v as usize)]
+        };
+        self.ways = self.hull.nodes.iter().map(|(v, _)| (*v, way(*v))).collect();
+        let more = margin + 0.5 * gap;
+        let boxed = |nodes: &[u32]| -> Bounds {
+            let boxes = nodes.iter().map(|v| {
+                let [a, b] = way(*v);
+                [a.min(b) - more, a.max(b) + more]
+            });
+            boxes.reduce(around).unwrap_or_default()
+        };
+        let (faces, edges, nodes) = (&self.hull.faces, &self.edges, &self.hull.nodes);
+        self.faces_tree.refit(|k| boxed(&faces[k].0));
+        self.edges_tree.refit(|k| boxed(&edges[k].0));
+        let made = |features: Features, own: [u32; 4], weight: f64| {
+            let ways = own.map(way);
+            let start = features.nearest(&ways.map(|[a, _]| a)).distance;
+            let approach = features.approach(&ways.map(|[a, b]| b - a));
+            if start - approach - 2.0 * margin >= gap {
+                return None;
+            }
+            let held = own.iter().all(|v| free[*v as usize] == T::ZERO);
+            let bodies = own.map(|v| rigid.of(v as usize));
+            let one = bodies[0].is_some() && bodies.iter().all(|b| *b == bodies[0]);
+            if held || one || own.iter().any(|v| self.tangled[*v as usize]) {
+                return None;
+            }
+            let rest = own.map(|v| self.hull.rest[v as usize]);
+            let own_gap = gap.min(AT_REST * features.nearest(&rest).distance);
+            (own_gap >= COINCIDES * gap).then(|| Pair {
+                nodes: own,
+                features,
+                gap: own_gap,
+                weight: SHARE * weight,
+                lengths: [rest[0].distance(rest[1]), rest[2].distance(rest[3])],
+                chunks: own.map(|v| plan.chunk_of(v as usize) as u32),
+            })
+        };
+        let (faces_tree, edges_tree) = (&self.faces_tree, &self.edges_tree);
+        let mut pairs = parallel::collect(nodes.len(), |range, pairs: &mut Vec<Pair>| {
+            for (v, weight) in &nodes[range] {
+                faces_tree.visit(&boxed(&[*v]), |f| {
+                    let [a, b, c] = faces[f as usize].0;
+                    if ![a, b, c].contains(v) {
+                        pairs.extend(made(Features::VertexFace, [*v, a, b, c], *weight));
+                    }
+                });
+            }
+        });
+        pairs.extend(parallel::collect(edges.len(), |range, pairs| {
+            for k in range {
+                let ([a, b], weight) = edges[k];
+                edges_tree.visit(&boxed(&[a, b]), |other| {
+                    let ([c, d], _) = edges[other as usize];
+                    if other as usize > k && ![c, d].contains(&a) && ![c, d].contains(&b) {
+                        pairs.extend(made(Features::EdgeEdge, [a, b, c, d], weight));
+                    }
+                });
+            }
+        }));
+        pairs
+    }
+}
