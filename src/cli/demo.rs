@@ -1,9 +1,11 @@
-//! `palpate demo`: the limb phantom bends under load, its bones visible inside.
+//! `palpate demo`: the limb phantom bends under load, its bones visible inside, and a fingertip presses
+//! on it.
 
 use super::{Outcome, progress, tell};
 use clap::Args;
 use palpate::gpu::Gpu;
 use palpate::io::PvdSeries;
+use palpate::press::Wanted;
 use palpate::render::{Background, Film, Image};
 use palpate::scene::{Scene, Stage};
 use palpate::{Error, Result};
@@ -15,6 +17,9 @@ const SCENE: &str = include_str!("../../data/scenes/limb.toml");
 const TRANSFER: &str = include_str!("../../data/limb.json");
 /// Frames of the animation a second.
 const FPS: f64 = 16.0;
+/// The limb that is pressed has so many times fewer tets, and at least so many.
+const COARSER: usize = 4;
+const LEAST: usize = 2_000;
 
 /// Arguments of `demo`.
 #[derive(Args)]
@@ -33,7 +38,8 @@ pub struct DemoArguments {
     size: [u32; 2],
 }
 
-/// Bends the limb, and leaves `rest.png`, `bent.png`, `bend.gif` and `bend.pvd`.
+/// Bends the limb, and leaves `rest.png`, `bent.png`, `bend.gif` and `bend.pvd`; then presses on it,
+/// and leaves what `palpate press` leaves in the folder `press`.
 pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
@@ -72,6 +78,11 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
         "{0}/rest.png, {0}/bent.png, {0}/bend.gif, and {0}/bend.pvd for ParaView",
         out.display()
     )]);
+    let pressed = out.join("press");
+    std::fs::create_dir_all(&pressed).map_err(Error::io(&pressed))?;
+    scene.mesh.tets = Some((arguments.tets / COARSER).max(LEAST));
+    tell(&["pressing on the forearm with a fingertip".into()]);
+    super::press::press(gpu, &scene, &Wanted::default(), &pressed)?;
     Ok(Outcome::Done)
 }
 

@@ -8,6 +8,7 @@ use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
 use palpate::press::{MapWanted, Press, PressReport, Sample, Wanted};
 use palpate::render::{Background, Film};
+use palpate::scene::Scene;
 use palpate::{Error, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -85,7 +86,14 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
         depth: arguments.depth,
         force: arguments.force,
     };
-    let mut press = progress::during("preparing", || Press::new(gpu, &scene, &wanted))?;
+    press(gpu, &scene, &wanted, out)?;
+    Ok(Outcome::Done)
+}
+
+/// Presses on the body of `scene` and leaves pictures, a film, a series and what was measured in
+/// `out`, which exists.
+pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::Result<()> {
+    let mut press = progress::during("preparing", || Press::new(gpu, scene, wanted))?;
     super::tell(press.notes());
     let spot = *press.spot();
     super::tell(&[format!(
@@ -165,7 +173,7 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
             out.display()
         ),
     ]);
-    Ok(Outcome::Done)
+    Ok(())
 }
 
 fn write_samples(path: &Path, samples: &[Sample]) -> Result<()> {

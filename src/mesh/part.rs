@@ -1,7 +1,9 @@
 //! Regions that share nodes are welded: parting them.
 
-use super::{Field, Location, TetMesh};
+use super::{Field, Location, TetMesh, Topology};
 use crate::{Error, Result};
+use glam::DVec3;
+use std::collections::BTreeMap;
 
 impl TetMesh {
     /// The label of a region: a whole number, or the name it has in the mesh.
@@ -103,6 +105,48 @@ impl TetMesh {
         Ok(made)
     }
 
+    /// Draws the two sides of a seam apart by `gap`: `doubles`, as [`TetMesh::part`] returned them, and
+    /// the nodes they come from, half each, along the normals of the seam. So each side has somewhere
+    /// to be where the two press on each other.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a gap that makes no sense, or so wide that it would turn tets inside out.
+    pub fn draw_apart(&mut self, doubles: &[[u32; 2]], gap: f64) -> Result<()> {
+        let wrong = |why: &str| {
+            Err(Error::Input(format!(
+                "the sides of a seam cannot be drawn {gap} apart: {why}"
+            )))
+        };
+        if !(gap.is_finite() && gap >= 0.0) {
+            return wrong("give a length, 0 or more");
+        }
+        let double: BTreeMap<u32, u32> = doubles.iter().map(|[v, from]| (*v, *from)).collect();
+        let mut normals: BTreeMap<u32, DVec3> = BTreeMap::new();
+        let topology = Topology::new(self);
+        for face in &topology.boundary {
+            let nodes = topology.boundary_nodes(self, *face);
+            if nodes.iter().all(|v| double.contains_key(v)) {
+                let [a, b, c] = nodes.map(|v| self.nodes[v as usize]);
+                for v in nodes {
+                    *normals.entry(v).or_default() += (b - a).cross(c - a);
+                }
+            }
+        }
+        let before = self.nodes.clone();
+        for (v, normal) in normals {
+            let by = 0.5 * gap * normal.normalize_or_zero();
+            self.nodes[v as usize] -= by;
+            self.nodes[double[&v] as usize] += by;
+        }
+        match (0..self.tets.len()).all(|t| self.tet_volume(t) > 0.0) {
+            true => Ok(()),
+            false => {
+                self.nodes = before;
+                wrong("tets beside it would be turned inside out; give less, or finer tets")
+            }
+        }
+    }
+
     /// [`TetMesh::part`] for every pair of regions, by name or label.
     ///
     /// # Errors
@@ -120,8 +164,7 @@ impl TetMesh {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::{Topology, generate};
-    use glam::DVec3;
+    use crate::mesh::generate;
 
     /// A bar of 4×4×2 cells: region 1 is x < 2, 2 beyond it with y < 2, 3 the rest.
     fn bar() -> TetMesh {
@@ -246,5 +289,26 @@ mod tests {
         );
         mesh.fields.clear();
         assert!(mesh.part(1, 2).is_err());
+    }
+
+    #[test]
+    fn the_sides_of_a_seam_are_drawn_apart() {
+        let mut mesh = bar();
+        let doubles = mesh.part(1, 2).unwrap();
+        let volume = mesh.volume();
+        let before = mesh.nodes.clone();
+        assert!(mesh.draw_apart(&doubles, 1e3).is_err() && mesh.nodes == before);
+        assert!(mesh.draw_apart(&doubles, f64::NAN).is_err());
+        mesh.draw_apart(&doubles, 0.02).unwrap();
+        for [v, from] in &doubles {
+            let apart = mesh.nodes[*v as usize] - mesh.nodes[*from as usize];
+            assert!(
+                apart
+                    .distance(0.02 * DVec3::NEG_X)
+                    .min(apart.distance(0.02 * DVec3::X))
+                    < 1e-12
+            );
+        }
+        assert!(mesh.volume() < volume);
     }
 }

@@ -21,10 +21,10 @@ pub struct Sample {
 /// What a press found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PressReport {
-    /// The slope of force over depth, fitted to the deeper half of the way in.
+    /// The slope of force over depth, fitted to the deeper half of the way to the largest force.
     pub stiffness_n_per_m: f64,
     /// The Young's modulus of an elastic half space that would resist as much, by Hertz:
-    /// F = 4/3 E √R d³ᐟ² / (1 − ν²), fitted to the way in. A body that is thin over the contact, or
+    /// F = 4/3 E √R d³ᐟ² / (1 − ν²), fitted to the same way. A body that is thin over the contact, or
     /// bonded to what is hard, seems stiffer than it is.
     pub hertz_young_pa: f64,
     /// The largest force.
@@ -53,11 +53,16 @@ pub(super) fn report(
         .map(|s| [s.depth_m, s.force_n])
         .collect();
     let most = |k: usize| way_in.iter().map(|s| s[k]).fold(0.0, f64::max);
-    let deepest = most(0);
+    let (max_depth, max_force) = (most(0), most(1));
+    // Where what is below has slipped away from under the fingertip, only what was before says how
+    // hard it is.
+    let held = way_in.iter().position(|s| s[1] >= max_force);
+    let way_in = &way_in[..held.map_or(0, |k| k + 1)];
+    let deepest = way_in.iter().map(|s| s[0]).fold(0.0, f64::max);
     let deeper = way_in.iter().filter(|s| s[0] >= FITTED * deepest);
     let deeper: Vec<[f64; 2]> = deeper.copied().collect();
     let (mut hertz, mut weight) = (0.0, 0.0);
-    for [depth, force] in &way_in {
+    for [depth, force] in way_in {
         hertz += force * depth.powf(1.5);
         weight += depth.powi(3);
     }
@@ -68,8 +73,8 @@ pub(super) fn report(
     PressReport {
         stiffness_n_per_m: slope(&deeper),
         hertz_young_pa: young,
-        max_force_n: most(1),
-        max_depth_m: deepest,
+        max_force_n: max_force,
+        max_depth_m: max_depth,
         radius_m: radius,
         poisson,
         engine,
@@ -120,6 +125,16 @@ mod tests {
         // The slope between half and all of the depth.
         let chord = (force(1.6e-3) - force(0.8e-3)) / 0.8e-3;
         assert!((found.stiffness_n_per_m / chord - 1.0).abs() < 0.01);
+        // What slips away in the end takes nothing from it.
+        let mut slipped = samples[..18].to_vec();
+        slipped.push(Sample {
+            depth_m: 1.7e-3,
+            force_n: 0.1 * force(1.6e-3),
+            ..slipped[17]
+        });
+        let again = report(&slipped, [radius, poisson], "cpu".into(), 1.0);
+        assert_eq!(again.stiffness_n_per_m, found.stiffness_n_per_m);
+        assert!(again.max_depth_m > found.max_depth_m);
         let nothing = report(&[], [radius, poisson], String::new(), 0.0);
         assert_eq!(
             [nothing.hertz_young_pa, nothing.stiffness_n_per_m],

@@ -7,8 +7,9 @@ use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
 use crate::render::Image;
-use crate::scene::{CameraEntry, Motion, Scene, Stage};
+use crate::scene::{CameraEntry, Motion, Scene, Stage, of_scene};
 use crate::{Error, Result};
+use flate2::Crc;
 use glam::{DQuat, DVec3};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
@@ -253,25 +254,15 @@ impl PressMap {
     /// A number that is another one for another body, scene, grid or way of pressing: what was
     /// found under another number is not of this map.
     pub fn mark(&self) -> u64 {
-        let said = format!(
-            "{:?} {:?} {} {}",
-            self.scene, self.grid, self.radius, self.depth
-        );
-        // FNV-1a.
-        let mut mark = 0xcbf2_9ce4_8422_2325u64;
-        let mut take = |byte: u8| {
-            mark ^= u64::from(byte);
-            mark = mark.wrapping_mul(0x0100_0000_01b3);
-        };
-        said.bytes().for_each(&mut take);
+        let mut crc = Crc::new();
+        let said = format!("{:?} {} {}", self.grid, self.radius, self.depth);
+        crc.update(said.as_bytes());
         for p in &self.mesh.nodes {
-            let numbers = p.to_array();
-            numbers
+            p.to_array()
                 .iter()
-                .flat_map(|x| x.to_le_bytes())
-                .for_each(&mut take);
+                .for_each(|x| crc.update(&x.to_le_bytes()));
         }
-        mark
+        (u64::from(of_scene(&self.scene)) << 32) | u64::from(crc.sum())
     }
 
     /// Takes over what was found before, in the points' order.

@@ -149,7 +149,7 @@ fn crc(bytes: &[u8]) -> u32 {
 
 /// What tells a scene from another: all its entries, and the files that it names beside the mesh.
 /// Where these lie does not matter.
-fn of_scene(scene: &Scene) -> u32 {
+pub(crate) fn of_scene(scene: &Scene) -> u32 {
     let mut crc = Crc::new();
     let mut plain = scene.clone();
     let mut file = |path: &mut std::path::PathBuf| {
@@ -175,7 +175,8 @@ fn of_scene(scene: &Scene) -> u32 {
     }
     let bodies = plain.body.iter_mut().map(|body| &mut body.mesh);
     for mesh in bodies.chain([&mut plain.mesh]) {
-        if let Some(path) = &mut mesh.file {
+        let joined = mesh.join.iter_mut().filter_map(|other| other.file.as_mut());
+        for path in mesh.file.iter_mut().chain(joined) {
             *path = path.file_name().unwrap_or_default().into();
         }
     }

@@ -64,6 +64,7 @@ mod words;
 
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
+pub(crate) use checkpoint::of_scene;
 pub use entries::*;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 #[cfg(feature = "study")]
@@ -124,6 +125,8 @@ pub struct Scene {
     /// What presses on it.
     #[serde(default)]
     pub tool: Vec<ToolEntry>,
+    /// Contact of the body with itself.
+    pub contact: Option<ContactEntry>,
     /// What cuts it.
     #[serde(default)]
     pub cut: Vec<CutEntry>,
@@ -206,6 +209,9 @@ impl Scene {
         let bodies = scene.body.iter_mut().map(|body| &mut body.mesh);
         for mesh in bodies.chain([&mut scene.mesh]) {
             mesh.file = mesh.file.take().map(|file| folder.join(file));
+            for other in &mut mesh.join {
+                other.file = other.file.take().map(|file| folder.join(file));
+            }
         }
         for entry in &mut scene.moves {
             entry.file = entry.file.take().map(|file| folder.join(file));
@@ -242,6 +248,7 @@ impl Scene {
             (self.moves.is_empty(), "[[move]]"),
             (self.muscle.is_empty(), "[[muscle]]"),
             (self.tool.is_empty(), "[[tool]]"),
+            (self.contact.is_none(), "[contact]"),
         ];
         all.into_iter()
             .find(|(none, _)| !none)

@@ -9,8 +9,8 @@ use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    ConjugateGradients, Engine, EngineChoice, Floor, HeldEnd, Material, Simulator, SolverKind,
-    SpringNetwork, largest_stable_step,
+    ConjugateGradients, Engine, EngineChoice, Floor, HeldEnd, Material, SelfContact, Simulator,
+    SolverKind, SpringNetwork, largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -294,6 +294,17 @@ impl Scene {
             pins.push(PinSet { name, nodes });
         }
         let actors = Actors::new(self, simulator.as_mut(), notes)?;
+        if let Some(entry) = &self.contact {
+            let through = simulator.set_self_contact(SelfContact {
+                friction: entry.friction.unwrap_or(0.0),
+                gap: entry.gap,
+            })?;
+            if through > 0 {
+                notes.push(format!(
+                    "{through} faces of the boundary go through others where the body starts; what does pushes nothing until it is free ([contact])"
+                ));
+            }
+        }
         if let Some(floor) = &self.floor {
             simulator.add_term(Arc::new(floor.term(simulator.as_ref())?))?;
         }

@@ -1,7 +1,7 @@
 //! From a scene's `[mesh]` and `field` to a mesh and the scalar that is seen.
 
 use super::regions::Regions;
-use super::{LabelsEntry, MeshSource, Scene};
+use super::{JoinEntry, LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::generate::Lump;
 use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
@@ -9,6 +9,7 @@ use crate::mesher::{Labels, Recipe, Size};
 use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
 use crate::{Error, Result};
+use glam::{DQuat, DVec3};
 
 /// Names that readers give to reference numbers: labels, not quantities.
 const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
@@ -23,8 +24,19 @@ impl MeshSource {
     /// generator is not known; otherwise what reading gives.
     pub fn load(&self) -> Result<TetMesh> {
         let mut mesh = self.welded()?;
+        if !self.join.is_empty() {
+            let others = self.join.iter().enumerate().map(|(k, other)| other.load(k));
+            let others: Vec<(String, TetMesh)> = others.collect::<Result<_>>()?;
+            let first = ("first".to_owned(), &mesh);
+            let rest = others.iter().map(|(name, mesh)| (name.clone(), mesh));
+            let parts: Vec<(String, &TetMesh)> = std::iter::once(first).chain(rest).collect();
+            mesh = TetMesh::merged(&parts)?;
+        }
         for [first, second] in &self.part {
-            mesh.part(first.label(&mesh)?, second.label(&mesh)?)?;
+            let doubles = mesh.part(first.label(&mesh)?, second.label(&mesh)?)?;
+            if let Some(gap) = self.part_gap {
+                mesh.draw_apart(&doubles, gap)?;
+            }
         }
         Ok(mesh)
     }
@@ -63,6 +75,31 @@ impl MeshSource {
                 "[mesh] needs either file = \"…\" or generate = \"…\"".into(),
             )),
         }
+    }
+}
+
+impl JoinEntry {
+    /// The mesh where it is to be, and its name; `number` counts from 0.
+    fn load(&self, number: usize) -> Result<(String, TetMesh)> {
+        let source = MeshSource {
+            file: self.file.clone(),
+            generate: self.generate.clone(),
+            tets: self.tets,
+            ..MeshSource::default()
+        };
+        let name = self.name.clone();
+        let name = name.unwrap_or_else(|| format!("mesh{}", number + 2));
+        let mut mesh = source.welded()?;
+        let axis = DVec3::from(self.axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
+        let turn = DQuat::from_axis_angle(axis, self.turn.unwrap_or(0.0).to_radians());
+        let offset = DVec3::from(self.offset.unwrap_or_default());
+        if axis == DVec3::ZERO || !(turn.is_finite() && offset.is_finite()) {
+            return Err(Error::Input(format!(
+                "the [[mesh.join]] {name} is turned or moved by what makes no sense; give degrees, a direction and a displacement"
+            )));
+        }
+        mesh.nodes.iter_mut().for_each(|p| *p = turn * *p + offset);
+        Ok((name, mesh))
     }
 }
 

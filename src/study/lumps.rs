@@ -10,14 +10,12 @@ use std::path::Path;
 
 /// Over the median, what stands out from the rest.
 const READS: f64 = 1.2;
-const CONTRASTS: [f64; 3] = [2.0, 5.0, 10.0];
+const CONTRASTS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
+/// Over the same breast with a lump no stiffer than the rest, what is felt beside that one.
+const FELT: f64 = 1.1;
 const WIDE_MM: [f64; 4] = [10.0, 15.0, 20.0, 25.0];
 const DEEP_MM: [f64; 4] = [5.0, 10.0, 15.0, 20.0];
-const STATES: [&str; 3] = [
-    "found",
-    "the stiffest point, but below 1.2 of the median",
-    "another point is stiffer",
-];
+const STATES: [&str; 3] = ["found", "felt beside another", "missed"];
 
 /// What is pressed, and at how many points.
 struct Subject {
@@ -52,8 +50,8 @@ fn middle(mesh: &TetMesh) -> Result<DVec3> {
     Ok(sum / volume)
 }
 
-/// The largest stiffness over the median, that next to the lump over the median, how far from the
-/// lump the stiffest point is, seen from above, mm, and which of [`STATES`] that makes.
+/// The largest stiffness over the median, that next to the lump, N/m, how far from the lump the
+/// stiffest point is, seen from above, mm, and whether that is over it.
 fn pressed(run: &Run, subject: &Subject, lump: [f64; 3]) -> Result<Vec<Cell>> {
     let scene = breast(subject.tets, lump)?;
     let place = middle(&scene.mesh.load()?)?;
@@ -73,16 +71,11 @@ fn pressed(run: &Run, subject: &Subject, lump: [f64; 3]) -> Result<Vec<Cell>> {
     let over = |p: &crate::press::MapPoint| p.stiffness().unwrap_or(0.0) / median;
     let [radius, _] = map.radius_and_depth();
     let there = aside(top.point) <= 5e-4 * lump[1] + radius;
-    let state = match (there, over(&top) >= READS) {
-        (true, true) => 0,
-        (true, false) => 1,
-        _ => 2,
-    };
     Ok(vec![
         over(&top).into(),
-        over(near).into(),
+        near.stiffness().unwrap_or(0.0).into(),
         (1e3 * aside(top.point)).into(),
-        STATES[state].into(),
+        f64::from(u8::from(there)).into(),
     ])
 }
 
@@ -103,7 +96,11 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         true => all[1..2].to_vec(),
         false => all.to_vec(),
     };
-    let (contrasts, wides) = (some(&CONTRASTS), some(&WIDE_MM));
+    let wides = some(&WIDE_MM);
+    let contrasts = match quick {
+        true => vec![1.0, 5.0],
+        false => CONTRASTS.to_vec(),
+    };
     let deeps = match quick {
         true => vec![5.0, 20.0],
         false => DEEP_MM.to_vec(),
@@ -137,7 +134,7 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         },
     )?;
     let mut charts = Vec::new();
-    for contrast in &contrasts {
+    for contrast in contrasts.iter().filter(|c| **c != 1.0) {
         let name = format!("lumps-{contrast}");
         chart(&rows, *contrast, &wides, &deeps).save(run.dir, &name)?;
         charts.push(name);
@@ -146,17 +143,45 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
     run.tell("lumps", "Which lumps are found", &told(&rows), &charts)
 }
 
+/// What is measured of one lump.
+#[derive(Clone, Copy)]
+struct Reading {
+    /// The largest over the median.
+    stands_out: f64,
+    /// That above the lump over that without contrast.
+    raised: f64,
+    off_mm: f64,
+    /// Which of [`STATES`].
+    state: usize,
+}
+
+fn row(rows: &[Row], lump: [f64; 3]) -> Option<&Row> {
+    let of = |r: &Row| ["contrast", "lump_mm", "depth_mm"].map(|name| r.number(name));
+    rows.iter().find(|r| of(r) == lump)
+}
+
+fn reading(rows: &[Row], [contrast, wide, deep]: [f64; 3]) -> Option<Reading> {
+    let own = row(rows, [contrast, wide, deep])?;
+    let plain = row(rows, [1.0, wide, deep])?;
+    let raised = own.number("above_n_per_m") / plain.number("above_n_per_m");
+    let stands_out = own.number("largest_over_median");
+    let there = own.number("stiffest_there") == 1.0;
+    Some(Reading {
+        stands_out,
+        raised,
+        off_mm: own.number("off_mm"),
+        state: match (there && stands_out >= READS, raised >= FELT) {
+            (true, true) => 0,
+            (_, true) => 1,
+            _ => 2,
+        },
+    })
+}
+
 fn chart(rows: &[Row], contrast: f64, wides: &[f64], deeps: &[f64]) -> StateMap {
     let state = |wide: f64, deep: f64| {
-        let own = rows.iter().find(|r| {
-            [
-                r.number("contrast"),
-                r.number("lump_mm"),
-                r.number("depth_mm"),
-            ] == [contrast, wide, deep]
-        });
-        let known = own.and_then(|r| STATES.iter().position(|s| *s == r.text("state")));
-        known.unwrap_or(STATES.len())
+        let known = reading(rows, [contrast, wide, deep]);
+        known.map_or(STATES.len(), |r| r.state)
     };
     let cells = wides
         .iter()
@@ -174,23 +199,27 @@ fn chart(rows: &[Row], contrast: f64, wides: &[f64], deeps: &[f64]) -> StateMap 
 }
 
 fn told(rows: &[Row]) -> String {
-    let lines = rows.iter().map(|r| {
+    let lumps = rows.iter().filter_map(|r| {
+        let lump = ["contrast", "lump_mm", "depth_mm"].map(|name| r.number(name));
+        Some((lump, reading(rows, lump).filter(|_| lump[0] != 1.0)?))
+    });
+    let lumps: Vec<([f64; 3], Reading)> = lumps.collect();
+    let lines = lumps.iter().map(|([contrast, wide, deep], r)| {
         format!(
-            "| {} | {} | {} | {:.2} | {:.2} | {:.0} | {} |",
-            r.number("contrast"),
-            r.number("lump_mm"),
-            r.number("depth_mm"),
-            r.number("largest_over_median"),
-            r.number("above_over_median"),
-            r.number("off_mm"),
-            r.text("state")
+            "| {contrast} | {wide} | {deep} | {:.2} | {:.2} | {:.0} | {} |",
+            r.raised, r.stands_out, r.off_mm, STATES[r.state]
         )
     });
-    let found = rows.iter().filter(|r| r.text("state") == STATES[0]).count();
+    let count = |state: usize| lumps.iter().filter(|(_, r)| r.state == state).count();
+    let healthy = rows.iter().filter(|r| r.number("contrast") == 1.0);
+    let uneven = healthy.map(|r| r.number("largest_over_median"));
     format!(
-        "A breast of fat and gland, pressed at the points of a grid from above (`palpate press --map`), with a lump below its upper outer quadrant. {found} of {} lumps are found: the stiffest point of the map lies over them, and reads at least {READS} times the median. Without a lump a map is not even: the body gives more where it is steep.\n\n\
-         | contrast | diameter, mm | depth, mm | largest over median | above the lump | off, mm | |\n| --- | --- | --- | --- | --- | --- | --- |\n{}",
-        rows.len(),
+        "A breast of fat and gland, pressed at the points of a grid from above (`palpate press --map`), with a lump below its upper outer quadrant. Of {} lumps {} are found: the stiffest point of the map lies over them and reads at least {READS} times the median, and the place above them at least {FELT} times what it reads where the lump is no stiffer than the rest. {} more are felt beside such a breast, as one feels one side beside the other, but another point of the map is stiffer: a map without any lump reads up to {:.2} times its median, for a body gives more where it is steep.\n\n\
+         | contrast | diameter, mm | depth, mm | above it, over no contrast | largest over median | off, mm | |\n| --- | --- | --- | --- | --- | --- | --- |\n{}",
+        lumps.len(),
+        count(0),
+        count(1),
+        uneven.fold(0.0, f64::max),
         lines.collect::<Vec<_>>().join("\n")
     )
 }

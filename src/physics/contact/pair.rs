@@ -140,18 +140,15 @@ fn nearest_of_edges([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
     }
 }
 
-/// Whether an edge goes through a face.
+/// Whether an edge goes through a face; one that touches it only does not.
 pub(in crate::physics) fn pierces([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3]) -> bool {
     let side = |x: DVec3| (b - a).cross(c - a).dot(x - a);
-    if side(p) * side(q) > 0.0 {
+    if side(p) * side(q) >= 0.0 {
         return false;
     }
     let turn = |u: DVec3, v: DVec3| (u - p).cross(v - p).dot(q - p);
     let turns = [turn(a, b), turn(b, c), turn(c, a)];
-    let area = (b - a).cross(c - a).length_squared();
-    area > 0.0
-        && side(p) != side(q)
-        && (turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0))
+    turns.iter().all(|t| *t > 0.0) || turns.iter().all(|t| *t < 0.0)
 }
 
 /// Points in a cube from −1 to 1, by a linear congruential generator.

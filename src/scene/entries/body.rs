@@ -58,10 +58,49 @@ pub struct MeshSource {
     /// own there. A third region that meets both stays with the first.
     #[serde(default)]
     pub part: Vec<[LabelOrName; 2]>,
+    /// How far the two sides of each such seam are drawn apart, in the mesh's unit: with `[contact]`
+    /// they press on each other then, and glide.
+    pub part_gap: Option<f64>,
+    /// Other meshes that are of the same body, such as the second of two that touch.
+    #[serde(default)]
+    pub join: Vec<JoinEntry>,
     /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
     /// file says by default, or else `m`.
     #[serde(default, deserialize_with = "words::unit")]
     pub unit: Option<Unit>,
+}
+
+/// Another mesh of the same body: nothing grows together, so that it takes `[contact]` for the two to
+/// feel each other. Regions are named `NAME/REGION` then, those of the first mesh `first/REGION`;
+/// tissues are found by either word.
+///
+/// ```toml
+/// [[mesh.join]]
+/// name = "second"
+/// generate = "limb"       # or file = "…"
+/// tets = 20000
+/// turn = 180              # degrees about the axis through its coordinates' origin …
+/// axis = [0.0, 0, 1]
+/// offset = [0.7, 0, 0]    # … and then moved
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JoinEntry {
+    /// What its regions are named after; `mesh2` and so on where nothing is said.
+    pub name: Option<String>,
+    /// A mesh file, beside the scene file unless absolute.
+    pub file: Option<PathBuf>,
+    /// A generator's name, instead of a file.
+    #[serde(default, deserialize_with = "words::generator")]
+    pub generate: Option<String>,
+    /// About how many tets the generator makes.
+    pub tets: Option<usize>,
+    /// Degrees by which it is turned about `axis`.
+    pub turn: Option<f64>,
+    /// What it is turned about; +z where nothing is said.
+    pub axis: Option<[f64; 3]>,
+    /// By how much it is moved, in the unit of the first mesh.
+    pub offset: Option<[f64; 3]>,
 }
 
 /// One of several bodies. Each has what a scene of one would have; grabs, cuts, skins, the floor and

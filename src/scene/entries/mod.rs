@@ -9,9 +9,9 @@ mod picture;
 mod tool;
 
 pub use acting::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry};
-pub use body::{All, BodyEntry, GridEntry, LabelsEntry, Lengths, MeshSource, Unit};
+pub use body::{All, BodyEntry, GridEntry, JoinEntry, LabelsEntry, Lengths, MeshSource, Unit};
 pub use inside::{IsosurfaceEntry, PlaneEntry};
 pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
 pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionLookEntry};
-pub use tool::{BoxEntry, CapsuleEntry, PlaneShapeEntry, SphereEntry, ToolEntry};
+pub use tool::{BoxEntry, CapsuleEntry, ContactEntry, PlaneShapeEntry, SphereEntry, ToolEntry};

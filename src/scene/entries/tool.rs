@@ -1,7 +1,25 @@
-//! Tools: what presses on a body.
+//! Contact: tools, and of a body with itself.
 
 use serde::Deserialize;
 use std::path::PathBuf;
+
+/// Contact of the body with itself: of its pieces with each other, and of its folds. A body of finite
+/// elements on the processor's engine, stepped by `implicit` or `bdf2`.
+///
+/// ```toml
+/// [contact]
+/// friction = 0.3          # 0 where nothing is said
+/// gap = 0.2               # in the mesh's unit: from there on parts push each other
+/// ```
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactEntry {
+    /// μ of Coulomb friction; 0 where nothing is said.
+    pub friction: Option<f64>,
+    /// The gap from which on parts push each other; a 20th of the boundary's mean edge where nothing
+    /// is said.
+    pub gap: Option<f64>,
+}
 
 /// A tool: a rigid shape that presses on the body, which nothing of it passes through. It goes along
 /// a path, and is drawn with the body. A body of finite elements on the processor's engine, stepped
