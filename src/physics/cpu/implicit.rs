@@ -107,6 +107,12 @@ impl<T: Real> Implicit<T> {
         self.basis.h = T::ZERO;
     }
 
+    /// Forgets also between what it couples groups of nodes, as contact does that comes and goes.
+    pub fn forget_couplings(&mut self) {
+        self.coarse = None;
+        self.forget_coarse();
+    }
+
     /// Forgets the solutions that the next would start from.
     pub fn forget_solutions(&mut self) {
         self.solver.count = 0;

@@ -14,7 +14,7 @@ use super::cg::{Matrix, Stop};
 use super::guesses::{Guess, Guesses};
 use super::implicit::{Implicit, Scene};
 use super::loads::Loads;
-use super::newton_contact::{FAINT, ROUGH, RUBS};
+use super::newton_contact::{FAINT, ROUGH, RUBS, touching};
 use super::pool::{Nodes, Plan};
 use super::potential::{Trial, inverted};
 use super::real::Real;
@@ -182,6 +182,10 @@ impl<T: Real> Minimiser<T> {
             let mut goal = (self.goal.tolerance * self.goal.tolerance) * scale;
             if stages > 0 && rubs < RUBS {
                 goal *= ROUGH;
+            }
+            // Measured by blocks of the step before, which a run that is resumed does not have.
+            if stages > 0 && round == 0 && touching(terms).is_some() {
+                goal = 0.0;
             }
             if round > 0 && !wide && before <= goal {
                 if stages > 0 && rubs < RUBS {

@@ -75,7 +75,10 @@ impl<T: Real> Minimiser<T> {
         if let Some(own) = touching_mut(terms) {
             let moved = |i: usize| form.reach * wide(scene.at.v[i]);
             let with = (scene.at.u, scene.free, scene.plan);
-            stages = u32::from(own.begin(with, &self.rigid, &moved));
+            if own.begin(with, &self.rigid, &moved) {
+                stages = 1;
+                implicit.forget_couplings();
+            }
         }
         stages = stages.max(self.begin_tools(scene, terms, form));
         if stages == 0 {

@@ -84,7 +84,7 @@ impl<T: Real> Touching<T> {
         }
         self.choose(with, rigid, moved, MARGIN * self.surface.edge());
         self.rub(with.0);
-        !self.pairs.is_empty()
+        !self.is_empty()
     }
 
     fn choose(
@@ -123,6 +123,11 @@ impl<T: Real> Touching<T> {
             pair.features.free_way(&ends[0], &ends[1])
         });
         ways.fold(1.0, f64::min)
+    }
+
+    /// Whether nothing may come near anything.
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
     }
 
     fn places(&self, pair: &Pair, u: &[V4<T>]) -> [DVec3; 4] {
@@ -307,6 +312,13 @@ impl<T: Real> Term<T> for Touching<T> {
     }
 
     fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        // Those too that may touch before the step ends: what a coarse space couples is fixed first.
+        for pair in &self.pairs {
+            for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+                let [i, j] = [pair.nodes[a], pair.nodes[b]];
+                visit([i.min(j), i.max(j)], &DMat3::ZERO);
+            }
+        }
         self.blocks.pairs(visit);
     }
 

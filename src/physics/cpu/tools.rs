@@ -3,7 +3,7 @@
 use super::body::{CpuBody, Start};
 use super::contact::{Contact, Pressing, ToolPlace};
 use super::contact_hull::Hull;
-use super::newton_contact::{clear, contact, contact_mut, touching_mut};
+use super::newton_contact::{clear, contact, contact_mut, touching, touching_mut};
 use super::real::Real;
 use super::self_contact::Touching;
 use super::terms::At;
@@ -185,18 +185,21 @@ impl<T: Real> CpuBody<T> {
 
     /// Leaves tools where they went in a step that was sound, or puts them back where they were.
     pub(super) fn keep_tools(&mut self, sound: bool) {
-        let Some(contact) = contact_mut(&mut self.terms) else {
-            return;
-        };
-        if !sound {
-            contact.stage(0.0);
-            return;
+        let own = touching(&self.terms).is_some_and(|own| !own.is_empty());
+        let mut near = false;
+        if let Some(contact) = contact_mut(&mut self.terms) {
+            if !sound {
+                contact.stage(0.0);
+                return;
+            }
+            contact.rub(&self.now.u);
+            contact.keep();
+            near |= !contact.samples.is_empty();
         }
-        contact.rub(&self.now.u);
-        contact.keep();
-        let near = !contact.samples.is_empty();
-        if let Some(implicit) = self.implicit.as_mut().filter(|_| near) {
-            implicit.forget_coarse();
+        match &mut self.implicit {
+            Some(implicit) if own => implicit.forget_couplings(),
+            Some(implicit) if near => implicit.forget_coarse(),
+            _ => {}
         }
     }
 

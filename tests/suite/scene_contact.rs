@@ -1,0 +1,173 @@
+//! Contact of a body with itself, as scenes say it.
+
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::scene::{Scene, Stage};
+
+/// A box of 10 cm that is held, and another 4 mm above it, askew.
+const TWO: &str = r#"
+[mesh]
+generate = "box"
+tets = 384
+[[mesh.join]]
+name = "upper"
+generate = "box"
+tets = 384
+turn = 20
+offset = [0.03, -0.01, 0.104]
+[material]
+model = "neo-hookean"
+young = 4e4
+poisson = 0.3
+[solver]
+name = "implicit"
+dt = 0.02
+gravity = [0, 0, -9.81]
+[[pin]]
+z_below = 0.001
+[picture]
+size = [32, 24]
+"#;
+
+fn stage(text: &str) -> Stage {
+    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
+}
+
+/// How many edges of the boundary go through faces of it: by the signs of volumes, of all pairs
+/// whose boxes meet.
+fn pierced(stage: &Stage) -> usize {
+    let x = stage.motion().unwrap().positions().unwrap();
+    let (mesh, topology) = (stage.mesh(), palpate::mesh::Topology::new(stage.mesh()));
+    let boundary = topology.boundary.iter();
+    let faces: Vec<[u32; 3]> = boundary
+        .map(|b| topology.boundary_nodes(mesh, *b))
+        .collect();
+    let mut edges: Vec<[u32; 2]> = faces
+        .iter()
+        .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]])
+        .map(|[a, b]| [*a.min(b), *a.max(b)])
+        .collect();
+    edges.sort_unstable();
+    edges.dedup();
+    let at = |v: u32| x[v as usize];
+    let volume = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| (b - a).cross(c - a).dot(d - a);
+    let boxed = |nodes: &[u32]| {
+        let places = nodes.iter().map(|v| at(*v));
+        let low = places.clone().fold(DVec3::INFINITY, DVec3::min);
+        (low, places.fold(DVec3::NEG_INFINITY, DVec3::max))
+    };
+    let boxes: Vec<(DVec3, DVec3)> = faces.iter().map(|f| boxed(f)).collect();
+    let goes_through = |edge: &&[u32; 2]| {
+        let (low, high) = boxed(*edge);
+        let [p, q] = edge.map(at);
+        faces.iter().zip(&boxes).any(|(face, (from, to))| {
+            if !(low.cmple(*to).all() && from.cmple(high).all()) {
+                return false;
+            }
+            let [a, b, c] = face.map(at);
+            let apart = edge.iter().all(|v| !face.contains(v));
+            let across = volume(a, b, c, p) * volume(a, b, c, q) < 0.0;
+            let turns = [volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)];
+            let within = turns.iter().all(|t| *t > 0.0) || turns.iter().all(|t| *t < 0.0);
+            apart && across && within
+        })
+    };
+    edges.iter().filter(goes_through).count()
+}
+
+/// The lowest node of the upper box.
+fn lowest(stage: &Stage) -> f64 {
+    let x = stage.motion().unwrap().positions().unwrap();
+    let upper = &x[x.len() / 2..];
+    upper.iter().map(|p| p.z).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn a_box_that_falls_on_another_stays_on_it() {
+    let mut resting = stage(&format!("{TWO}[contact]\nfriction = 0.5\n"));
+    let names = &resting.mesh().region_names;
+    assert!(names.values().any(|n| n == "upper") && names.values().any(|n| n == "first"));
+    assert!(
+        resting
+            .notes()
+            .iter()
+            .all(|n| !n.contains("go through others"))
+    );
+    for _ in 0..5 {
+        resting.run(8, &mut |_| {}).unwrap();
+        assert_eq!(pierced(&resting), 0);
+    }
+    let z = lowest(&resting);
+    assert!((0.09..0.101).contains(&z), "{z}");
+    // Without, it falls through.
+    let mut falling = stage(TWO);
+    falling.run(8, &mut |_| {}).unwrap();
+    assert!(pierced(&falling) > 0);
+    falling.run(32, &mut |_| {}).unwrap();
+    assert!(lowest(&falling) < 0.05);
+}
+
+#[test]
+fn a_checkpoint_goes_on_to_the_bit() {
+    let text = format!("{TWO}[contact]\nfriction = 0.5\n");
+    let mut whole = stage(&text);
+    whole.run(12, &mut |_| {}).unwrap();
+    let state = whole.motion().unwrap().simulator.state().unwrap();
+    let mut resumed = stage(&text);
+    let simulator = &mut resumed.motion_mut().unwrap().simulator;
+    simulator.set_state(&state).unwrap();
+    for stage in [&mut whole, &mut resumed] {
+        stage.run(6, &mut |_| {}).unwrap();
+    }
+    let places = |stage: &Stage| stage.motion().unwrap().positions().unwrap();
+    assert!(places(&whole) == places(&resumed));
+}
+
+#[test]
+fn what_knows_no_contact_is_refused_in_words() {
+    let told = |more: &str, from: &str, to: &str| {
+        let text = format!("{TWO}[contact]\n{more}").replace(from, to);
+        let found = Scene::parse(&text).and_then(|scene| Stage::new(&gpu(), &scene));
+        found.err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    assert!(told("friction = -1", "", "").contains("friction of -1"));
+    assert!(told("gap = 0.0", "", "").contains("gap of 0"));
+    let gpu = told("", "dt = 0.02", "dt = 0.02\nengine = \"gpu\"");
+    assert!(
+        gpu.contains("[contact]") && gpu.contains("--engine cpu"),
+        "{gpu}"
+    );
+    let springs = told("", "neo-hookean", "springs");
+    assert!(
+        springs.contains("finite elements") || springs.contains("springs"),
+        "{springs}"
+    );
+    let explicit = told("", "\"implicit\"", "\"verlet\"");
+    assert!(explicit.contains("take implicit or bdf2"), "{explicit}");
+    assert!(told("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
+    assert!(told("", "offset", "offfset").contains("offfset"));
+}
+
+#[test]
+#[ignore = "long: a knee of 50,000 tets"]
+fn no_cartilage_passes_through_another_where_a_knee_bends() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/knee_contact.toml");
+    let mut scene = Scene::read(path).unwrap();
+    scene.picture.size = Some([32, 32]);
+    let mut bent = Stage::new(&gpu(), &scene).unwrap();
+    assert_eq!(pierced(&bent), 0);
+    let start = bent.motion().unwrap().positions().unwrap();
+    for _ in 0..4 {
+        bent.run(5, &mut |_| {}).unwrap();
+        assert_eq!(pierced(&bent), 0);
+    }
+    // It does bend.
+    let end = bent.motion().unwrap().positions().unwrap();
+    let moved = start.iter().zip(&end).map(|(a, b)| a.distance(*b));
+    assert!(moved.fold(0.0, f64::max) > 10.0);
+    // Without contact cartilage goes through cartilage.
+    scene.contact = None;
+    let mut through = Stage::new(&gpu(), &scene).unwrap();
+    through.run(20, &mut |_| {}).unwrap();
+    assert!(pierced(&through) > 0);
+}
