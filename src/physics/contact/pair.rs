@@ -14,7 +14,7 @@ const KEPT: f64 = 0.2;
 const PARALLEL: f64 = 1e-3;
 
 /// The two features of a pair, by four points.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::physics) enum Features {
     /// A vertex, and the three of a face.
     VertexFace,

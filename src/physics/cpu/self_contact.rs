@@ -16,6 +16,7 @@ use super::terms::{At, Share, Term};
 use super::vectors::{V4, add};
 use crate::physics::contact::{Barrier, Slip};
 use glam::{DMat3, DVec3};
+use std::collections::BTreeMap;
 
 /// How far nodes may stray from the ways that pairs are chosen for, over the boundary's mean edge.
 const MARGIN: f64 = 0.1;
@@ -115,8 +116,14 @@ impl<T: Real> Touching<T> {
         if a.max(b) > margin {
             let moved = |i: usize| wide(to[i]) - wide(from[i]);
             let margin = MARGIN * self.surface.edge();
+            let before = std::mem::take(&mut self.pairs);
+            let rubs = std::mem::take(&mut self.rubs);
             self.choose((from, free, plan), rigid, &moved, margin);
-            self.rub(from);
+            // Friction goes on by the same forces: other ones would be another potential.
+            let key = |pair: &Pair| (pair.nodes, pair.features);
+            let known: BTreeMap<_, _> = before.iter().map(key).zip(rubs).collect();
+            let of = |pair| known.get(&key(pair)).copied().unwrap_or_default();
+            self.rubs = self.pairs.iter().map(of).collect();
         }
         let ways = self.pairs.iter().map(|pair| {
             let ends = [from, to].map(|u| pair.nodes.map(|i| self.surface.place(i, u)));

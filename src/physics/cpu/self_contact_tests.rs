@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::body::CpuBody;
+use super::loads::Attachment;
 use super::newton_contact::{touching, touching_mut};
 use super::real::Real;
 use super::terms::{At, Share, Term};
@@ -54,9 +55,17 @@ fn boundary(mesh: &TetMesh) -> Vec<[u32; 3]> {
 
 impl<T: Real> Meeting<T> {
     fn new(mesh: &TetMesh, material: &Material, friction: Option<f64>) -> Meeting<T> {
+        Meeting::of(mesh, material, friction, SolverKind::Implicit)
+    }
+
+    fn of(
+        mesh: &TetMesh,
+        material: &Material,
+        friction: Option<f64>,
+        kind: SolverKind,
+    ) -> Meeting<T> {
         let network = SpringNetwork::new(mesh, material).unwrap();
         let settings = ConjugateGradients::default();
-        let kind = SolverKind::Implicit;
         let mut body = CpuBody::new(&network, kind, settings, Some(2)).unwrap();
         let faces = boundary(mesh);
         let wanted = |friction| SelfContact {
@@ -395,4 +404,68 @@ fn a_start_with_parts_through_each_other_is_told() {
     let mut within = Meeting::<f64>::new(&mesh(0.09), &soft(1e4), Some(0.0));
     assert!(within.through > 0 && within.pierced() > 0);
     within.body.run(5, 0.01).unwrap();
+}
+
+/// A block of 10 × 10 × 6 cm.
+fn block() -> TetMesh {
+    box_mesh([3, 3, 2], DVec3::new(0.1, 0.1, 0.06), Split::Five).unwrap()
+}
+
+/// One above the other, so far apart.
+fn pair(apart: f64) -> TetMesh {
+    joined(&[
+        (&block(), DQuat::IDENTITY, DVec3::ZERO),
+        (
+            &block(),
+            DQuat::from_rotation_z(0.3),
+            DVec3::new(0.01, 0.0, 0.06 + apart),
+        ),
+    ])
+}
+
+#[test]
+fn what_flies_behind_does_not_pass_what_is_stopped() {
+    // Both fall at 8 m/s, more than a block's height in a step, onto a plane.
+    for kind in [SolverKind::Implicit, SolverKind::Bdf2] {
+        let mesh = pair(0.012);
+        let mut meeting = Meeting::<f32>::of(&mesh, &soft(1e5), Some(0.2), kind);
+        let floor = plane(DVec3::new(0.0, 0.0, -0.01), DVec3::Z, 0.2);
+        meeting
+            .body
+            .add_tool(&floor, &meeting.faces, &meeting.network);
+        let x = meeting.body.positions();
+        let v = vec![DVec3::new(0.0, 0.0, -8.0); x.len()];
+        meeting.body.set_state(&x, &v).unwrap();
+        for step in 0..10 {
+            meeting.body.run(1, 0.01).unwrap();
+            assert_eq!(meeting.pierced(), 0, "{kind} {step}");
+        }
+    }
+}
+
+#[test]
+fn what_is_led_pushes_what_is_in_its_way() {
+    let mesh = pair(0.004);
+    let mut meeting = Meeting::<f32>::new(&mesh, &soft(2e4), Some(0.2));
+    let count = block().nodes.len();
+    let x = meeting.body.positions();
+    let low = x.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+    let high = x.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max);
+    let pinned: Vec<bool> = x.iter().map(|p| p.z < low + 1e-6).collect();
+    meeting.body.set_pinned(&pinned).unwrap();
+    let velocity = DVec3::new(0.0, 0.0, -0.4);
+    let h = 0.05;
+    for step in 0..3 {
+        let led: Vec<Attachment> = (count..2 * count)
+            .filter(|v| x[*v].z > high - 1e-6)
+            .map(|v| Attachment::Lead {
+                node: v as u32,
+                place: x[v] + velocity * h * f64::from(step),
+                velocity,
+            })
+            .collect();
+        meeting.body.set_attachments(&led).unwrap();
+        meeting.body.run(1, h).unwrap();
+        assert_eq!(meeting.pierced(), 0, "{step}");
+    }
 }

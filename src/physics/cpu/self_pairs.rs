@@ -96,14 +96,19 @@ impl Surface {
         self.hull.place(i as usize, u)
     }
 
-    /// How far the nodes of the boundary are at `u` from the ways that pairs were chosen for, and
-    /// how far they may be.
+    /// How far the nodes of the boundary are at `u` from the ways that pairs were chosen for, all of
+    /// them the same part of the way on: what flies with what is stopped does come near it. And how
+    /// far they may be.
     pub fn strayed<T: Real>(&self, u: &[V4<T>]) -> [f64; 2] {
-        let off = self.ways.iter().map(|(i, [a, b])| {
-            let (p, way) = (self.place(*i, u), *b - *a);
-            let along = (p - *a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE);
-            p.distance_squared(*a + along.clamp(0.0, 1.0) * way)
-        });
+        let (mut along, mut all) = (0.0, 0.0);
+        for (i, [a, b]) in &self.ways {
+            let way = *b - *a;
+            along += (self.place(*i, u) - *a).dot(way);
+            all += way.length_squared();
+        }
+        let part = (along / all.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let ways = self.ways.iter();
+        let off = ways.map(|(i, [a, b])| self.place(*i, u).distance_squared(a.lerp(*b, part)));
         [off.fold(0.0, f64::max).sqrt(), self.margin]
     }
 
