@@ -178,7 +178,7 @@ impl PressMap {
         up[axis] = -down[axis].signum();
         let grid = Grid::new(&mesh, up, wanted.points);
         let boundary = Boundary::new(&mesh);
-        let above = |cell: usize| boundary.from_above(up, grid.middle(cell));
+        let above = |cell: usize| boundary.met_above(up, grid.middle(cell));
         let found: Vec<(usize, Spot)> = (0..grid.len())
             .filter_map(|cell| Some((cell, above(cell)?)))
             .collect();

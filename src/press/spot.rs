@@ -152,7 +152,7 @@ impl Boundary {
 
     /// The first point of the body that is met from far away against `up`, with the way up as the
     /// way out; none where nothing is met, or what is met is steeper than 60°.
-    pub fn from_above(&self, up: DVec3, beside: DVec3) -> Option<Spot> {
+    pub fn met_above(&self, up: DVec3, beside: DVec3) -> Option<Spot> {
         let far = beside + up * (self.diagonal() - (beside - self.low).dot(up));
         let met = |face: &&[DVec3; 3]| hit(far, -up, face).is_some();
         let height = |face: &[DVec3; 3]| hit(far, -up, face).unwrap_or(f64::INFINITY);

@@ -123,9 +123,9 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         &["tets", "contrast", "lump_mm", "depth_mm"],
         &[
             "largest_over_median",
-            "above_over_median",
+            "above_n_per_m",
             "off_mm",
-            "state",
+            "stiffest_there",
         ],
         &points,
         |point| {
