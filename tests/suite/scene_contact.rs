@@ -147,27 +147,3 @@ fn what_knows_no_contact_is_refused_in_words() {
     assert!(told("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
     assert!(told("", "offset", "offfset").contains("offfset"));
 }
-
-#[test]
-#[ignore = "long: a knee of 50,000 tets"]
-fn no_cartilage_passes_through_another_where_a_knee_bends() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/knee_contact.toml");
-    let mut scene = Scene::read(path).unwrap();
-    scene.picture.size = Some([32, 32]);
-    let mut bent = Stage::new(&gpu(), &scene).unwrap();
-    assert_eq!(pierced(&bent), 0);
-    let start = bent.motion().unwrap().positions().unwrap();
-    for _ in 0..4 {
-        bent.run(5, &mut |_| {}).unwrap();
-        assert_eq!(pierced(&bent), 0);
-    }
-    // It does bend.
-    let end = bent.motion().unwrap().positions().unwrap();
-    let moved = start.iter().zip(&end).map(|(a, b)| a.distance(*b));
-    assert!(moved.fold(0.0, f64::max) > 10.0);
-    // Without contact cartilage goes through cartilage.
-    scene.contact = None;
-    let mut through = Stage::new(&gpu(), &scene).unwrap();
-    through.run(20, &mut |_| {}).unwrap();
-    assert!(pierced(&through) > 0);
-}

@@ -233,10 +233,10 @@ fn every_named_generator_makes_about_what_it_says() {
             more.tets.len()
         );
     }
-    let Err(palpate::Error::Input(text)) = by_name("liver", None) else {
+    let Err(palpate::Error::Input(text)) = by_name("spleen", None) else {
         panic!("there is no such generator");
     };
-    assert!(text.contains("liver") && text.contains("limb"), "{text}");
+    assert!(text.contains("spleen") && text.contains("limb"), "{text}");
 }
 
 /// The tets of a region.
