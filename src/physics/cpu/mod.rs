@@ -63,6 +63,8 @@ mod rules;
 mod self_contact;
 #[cfg(test)]
 mod self_contact_tests;
+#[cfg(test)]
+mod self_contact_ways_tests;
 mod self_pairs;
 mod sending;
 mod simulator;

@@ -14,7 +14,7 @@ use super::cg::{Matrix, Stop};
 use super::guesses::{Guess, Guesses};
 use super::implicit::{Implicit, Scene};
 use super::loads::Loads;
-use super::newton_contact::{FAINT, ROUGH, RUBS};
+use super::newton_contact::{FAINT, ROUGH, RUBS, touching};
 use super::pool::{Nodes, Plan};
 use super::potential::{Trial, inverted};
 use super::real::Real;
@@ -72,6 +72,9 @@ pub struct Minimiser<T> {
     pub(super) goal: physics::Newton,
     /// Displacements on the way to a trial; none where nothing touches.
     pub(super) moved: Vec<V4<T>>,
+    /// The part of their way in the step that nodes that are led have gone in trials: less than all
+    /// where something is in their way.
+    pub(super) led: f64,
 }
 
 /// What a step starts from besides the state.
@@ -118,6 +121,7 @@ impl<T: Real> Minimiser<T> {
             rigid: RigidBodies::default(),
             goal: settings,
             moved: Vec::new(),
+            led: 1.0,
         }
     }
 
@@ -152,11 +156,16 @@ impl<T: Real> Minimiser<T> {
         self.rigid.draw();
         let rigid = &self.rigid;
         self.guesses.prepare(scene, outside, history, form, rigid);
-        let stages = self.begin_contact(implicit, scene, terms, form);
-        let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
-        if !self.start(scene, terms, form, (stages > 0).then_some(share(1))) {
+        let mut stages = self.begin_contact(implicit, scene, terms, form);
+        let first = 1.0 / f64::from(stages.max(1));
+        let touches = stages > 0 || touching(terms).is_some();
+        if !self.start(scene, terms, form, touches.then_some(first)) {
             return None;
         }
+        if self.cover(scene, terms) && stages == 0 {
+            stages = self.begin_near(implicit);
+        }
+        let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
         let mut descent = Descent::default();
         for stage in 1..stages {
             let shares = [share(stage), share(stage + 1)];
@@ -170,6 +179,7 @@ impl<T: Real> Minimiser<T> {
         let mut whole = None;
         for round in 0..most.max(UNFOLDING) {
             let wide = stages > 0 && round > 0 && self.narrow(scene, terms, form, round - 1);
+            let wide = self.lead_on(scene, terms, form) || wide;
             let mut scale = self.residual(implicit, scene, terms, form);
             if stages > 0 {
                 scale = scale.max(self.contact_weight(implicit, terms, form));
@@ -330,6 +340,7 @@ impl<T: Real> Minimiser<T> {
         tools: Option<f64>,
     ) -> bool {
         let mut found = false;
+        let mut led = 1.0;
         for guess in Guess::ALL {
             if !self.guesses.has(guess) {
                 continue;
@@ -340,6 +351,7 @@ impl<T: Real> Minimiser<T> {
                 Guess::Still => self.rigid.stay(),
                 _ => self.rigid.guess(at),
             }
+            self.led = 1.0;
             trial.put(scene, guesses, (form, self.mass_damping), &self.rigid, at);
             if let Some(share) = tools {
                 self.fit(scene, terms, form, share);
@@ -355,9 +367,17 @@ impl<T: Real> Minimiser<T> {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept();
                 found = true;
+                led = self.led;
             }
         }
+        self.led = led;
         found
+    }
+
+    /// What trials are put by: with nodes that are led as far as they have gone.
+    pub(super) fn how(&self, form: Form) -> (Form, f64) {
+        let reach = self.led * form.reach;
+        (Form { reach, ..form }, self.mass_damping)
     }
 
     /// Solves for the direction. `None` where there is nothing to solve.
