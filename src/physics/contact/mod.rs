@@ -15,7 +15,9 @@ pub(super) use barrier::{Barrier, Slip};
 pub use field::DistanceField;
 pub(super) use hierarchy::{Bounds, Hierarchy, around};
 pub use own::SelfContact;
-pub(super) use pair::{Features, pierces};
+#[cfg(test)]
+pub(super) use pair::pierces;
+pub(super) use pair::{Features, KEPT, crossing};
 pub use shape::{Shape, Touch};
 pub(super) use tool::check_pose;
 pub use tool::{Overlap, Tool, ToolId, ToolPose};

@@ -7,7 +7,7 @@ use glam::DVec3;
 const ADVANCES: usize = 64;
 
 /// The part of its distance that a pair keeps on its way.
-const KEPT: f64 = 0.2;
+pub(in crate::physics) const KEPT: f64 = 0.2;
 
 /// Edges count as parallel by the square of the sine between them from this on, in part (Li et al.
 /// 2020, equation 23).
@@ -68,14 +68,19 @@ impl Features {
         }
     }
 
-    /// The part of the straight ways of four points on which the features keep a part of their
-    /// distance: by conservative advancement, after Li et al. 2021, "Codimensional incremental
+    /// The part of the straight ways of four points on which the features keep the part `kept` of
+    /// their distance: by conservative advancement, after Li et al. 2021, "Codimensional incremental
     /// potential contact", section 5.
-    pub fn free_way(self, from: &[DVec3; 4], to: &[DVec3; 4]) -> f64 {
+    pub fn free_way(self, from: &[DVec3; 4], to: &[DVec3; 4], kept: f64) -> f64 {
         let moved = [0, 1, 2, 3].map(|k| to[k] - from[k]);
         let approach = self.approach(&moved);
-        let least = KEPT * self.nearest(from).distance;
-        let start = self.nearest(from).distance - least;
+        let distance = self.nearest(from).distance;
+        if distance <= 0.0 {
+            // There is nothing to keep.
+            return 1.0;
+        }
+        let least = kept * distance;
+        let start = distance - least;
         let (mut t, mut free) = (0.0, start);
         for _ in 0..ADVANCES {
             if (1.0 - t) * approach <= free {
@@ -141,14 +146,26 @@ fn nearest_of_edges([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
 }
 
 /// Whether an edge goes through a face; one that touches it only does not.
-pub(in crate::physics) fn pierces([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3]) -> bool {
+pub(in crate::physics) fn pierces(edge: [DVec3; 2], face: [DVec3; 3]) -> bool {
+    crossing(edge, face).is_some()
+}
+
+/// Where an edge goes through a face, by weights of that one's corners, and which end of the edge
+/// is behind it.
+pub(in crate::physics) fn crossing(
+    [p, q]: [DVec3; 2],
+    [a, b, c]: [DVec3; 3],
+) -> Option<([f64; 3], usize)> {
     let side = |x: DVec3| (b - a).cross(c - a).dot(x - a);
-    if side(p) * side(q) >= 0.0 {
-        return false;
+    let sides = [side(p), side(q)];
+    if sides[0] * sides[1] >= 0.0 {
+        return None;
     }
     let turn = |u: DVec3, v: DVec3| (u - p).cross(v - p).dot(q - p);
-    let turns = [turn(a, b), turn(b, c), turn(c, a)];
-    turns.iter().all(|t| *t > 0.0) || turns.iter().all(|t| *t < 0.0)
+    let turns = [turn(b, c), turn(c, a), turn(a, b)];
+    let all: f64 = turns.iter().sum();
+    let within = turns.iter().all(|t| *t > 0.0) || turns.iter().all(|t| *t < 0.0);
+    within.then(|| (turns.map(|t| t / all), usize::from(sides[1] < 0.0)))
 }
 
 /// Points in a cube from −1 to 1, by a linear congruential generator.
@@ -166,6 +183,7 @@ pub(super) fn scattered(count: usize, seed: u64) -> Vec<DVec3> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -221,7 +239,7 @@ mod tests {
         let mut stopped = 0;
         for features in ALL {
             for (from, to) in points(500, 2).into_iter().zip(points(500, 3)) {
-                let way = features.free_way(&from, &to);
+                let way = features.free_way(&from, &to, KEPT);
                 let at = |t: f64| {
                     let x = [0, 1, 2, 3].map(|k| from[k].lerp(to[k], t));
                     features.nearest(&x).distance
@@ -283,5 +301,14 @@ mod tests {
         assert!(pierces(at(0.2, 0.2, [1.0, -1.0]), face));
         assert!(!pierces(at(0.8, 0.8, [-1.0, 1.0]), face));
         assert!(!pierces(at(0.2, 0.2, [0.1, 1.0]), face));
+        let (weights, behind) = crossing(at(0.2, 0.3, [1.0, -1.0]), face).unwrap();
+        let expected = [0.5, 0.2, 0.3];
+        assert!(
+            weights
+                .iter()
+                .zip(expected)
+                .all(|(w, e)| (w - e).abs() < 1e-12)
+        );
+        assert_eq!(behind, 1);
     }
 }

@@ -40,6 +40,8 @@ pub enum Failure {
     },
     /// Tools press so hard that points of the boundary stayed inside them.
     Pierced,
+    /// Parts of the body press so hard on each other that they would go through.
+    Blocked,
 }
 
 impl fmt::Display for Failure {
@@ -59,6 +61,9 @@ impl fmt::Display for Failure {
             Failure::FlewApart => f.write_str("particles flew apart"),
             Failure::Pierced => f.write_str(
                 "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far",
+            ),
+            Failure::Blocked => f.write_str(
+                "parts of the body are pressed so hard against each other that they would go through; leave them more room, or move what is moved less far or more slowly",
             ),
             Failure::NotConverged {
                 iterations,

@@ -28,15 +28,21 @@ impl<T: Real> Minimiser<T> {
         self.rigid.read_directions(direction);
         let (before, slack) = (self.best.total(), self.best.slack());
         let mut length = self.free_way(scene, terms, direction);
+        let how = self.how(form);
         while length >= SHORTEST {
             let step = T::of(length);
             self.rigid.go(length);
             let (from, trial, rigid) = (&self.best.delta, &mut self.trial, &self.rigid);
             let at = |i: usize| add_scaled(from[i], step, direction[i]);
-            trial.put(scene, &self.guesses, (form, self.mass_damping), rigid, at);
+            trial.put(scene, &self.guesses, how, rigid, at);
+            if self.passes(scene, terms) {
+                length *= 0.5;
+                continue;
+            }
+            let trial = &mut self.trial;
             trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
             let fall = before - trial.total();
-            if fall >= ENOUGH * length * gain - slack && !self.passes(scene, terms) {
+            if fall >= ENOUGH * length * gain - slack {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept();
                 return Some((length, fall));

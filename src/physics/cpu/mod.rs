@@ -62,7 +62,11 @@ mod rigid_tests;
 mod rules;
 mod self_contact;
 #[cfg(test)]
+mod self_contact_rigid_tests;
+#[cfg(test)]
 mod self_contact_tests;
+#[cfg(test)]
+mod self_contact_ways_tests;
 mod self_pairs;
 mod sending;
 mod simulator;

@@ -14,7 +14,7 @@ use super::cg::{Matrix, Stop};
 use super::guesses::{Guess, Guesses};
 use super::implicit::{Implicit, Scene};
 use super::loads::Loads;
-use super::newton_contact::{FAINT, ROUGH, RUBS, touching};
+use super::newton_contact::{EASED, FAINT, LEADING, ROUGH, RUBS, touching};
 use super::pool::{Nodes, Plan};
 use super::potential::{Trial, inverted};
 use super::real::Real;
@@ -72,6 +72,9 @@ pub struct Minimiser<T> {
     pub(super) goal: physics::Newton,
     /// Displacements on the way to a trial; none where nothing touches.
     pub(super) moved: Vec<V4<T>>,
+    /// The part of their way in the step that nodes that are led have gone in trials: less than all
+    /// where something is in their way.
+    pub(super) led: f64,
 }
 
 /// What a step starts from besides the state.
@@ -118,6 +121,7 @@ impl<T: Real> Minimiser<T> {
             rigid: RigidBodies::default(),
             goal: settings,
             moved: Vec::new(),
+            led: 1.0,
         }
     }
 
@@ -152,24 +156,35 @@ impl<T: Real> Minimiser<T> {
         self.rigid.draw();
         let rigid = &self.rigid;
         self.guesses.prepare(scene, outside, history, form, rigid);
-        let stages = self.begin_contact(implicit, scene, terms, form);
-        let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
-        if !self.start(scene, terms, form, (stages > 0).then_some(share(1))) {
+        let mut stages = self.begin_contact(implicit, scene, terms, form);
+        let first = 1.0 / f64::from(stages.max(1));
+        let touches = stages > 0 || touching(terms).is_some();
+        if !self.start(scene, terms, form, touches.then_some(first)) {
             return None;
         }
+        if self.cover(scene, terms) && stages == 0 {
+            implicit.forget_couplings();
+            stages = self.begin_near(implicit);
+        }
+        let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
         let mut descent = Descent::default();
         for stage in 1..stages {
             let shares = [share(stage), share(stage + 1)];
             descent.iterations += self.advance_stage(implicit, scene, terms, form, shares);
         }
         let mut first = 0.0;
-        let most = self.goal.iterations.max(1);
+        let most = match self.led < 1.0 {
+            true => self.goal.iterations.max(LEADING),
+            false => self.goal.iterations.max(1),
+        };
         let mut best_gain = 0.0f64;
         let (mut rubs, mut faint) = (0, 0);
+        // Whether nodes that are led go on whatever the residual.
+        let mut eased = false;
         // Whether no tet is inside out at the start, once that is known.
         let mut whole = None;
         for round in 0..most.max(UNFOLDING) {
-            let wide = stages > 0 && round > 0 && self.narrow(scene, terms, form, round - 1);
+            let mut wide = stages > 0 && round > 0 && self.narrow(scene, terms, form, round - 1);
             let mut scale = self.residual(implicit, scene, terms, form);
             if stages > 0 {
                 scale = scale.max(self.contact_weight(implicit, terms, form));
@@ -182,6 +197,11 @@ impl<T: Real> Minimiser<T> {
             let mut goal = (self.goal.tolerance * self.goal.tolerance) * scale;
             if stages > 0 && rubs < RUBS {
                 goal *= ROUGH;
+            }
+            if self.led < 1.0 && (std::mem::take(&mut eased) || before <= EASED * goal) {
+                self.lead_on(scene, terms, form);
+                self.residual(implicit, scene, terms, form);
+                wide = true;
             }
             // Measured by blocks of the step before, which a run that is resumed does not have.
             if stages > 0 && round == 0 && touching(terms).is_some() {
@@ -201,6 +221,10 @@ impl<T: Real> Minimiser<T> {
             }
             let Some((start, outcome)) = self.solve(implicit, scene, terms, form, (first, goal))
             else {
+                eased = self.led < 1.0;
+                if eased {
+                    continue;
+                }
                 break;
             };
             if round == 0 {
@@ -216,9 +240,13 @@ impl<T: Real> Minimiser<T> {
                     self.projected = PROJECTED;
                     continue;
                 }
+                eased = self.led < 1.0;
+                if eased {
+                    continue;
+                }
                 break;
             };
-            if wide {
+            if wide || self.led < 1.0 {
                 continue;
             }
             let ratio = fall / (0.5 * gain);
@@ -334,6 +362,7 @@ impl<T: Real> Minimiser<T> {
         tools: Option<f64>,
     ) -> bool {
         let mut found = false;
+        let mut led = 1.0;
         for guess in Guess::ALL {
             if !self.guesses.has(guess) {
                 continue;
@@ -344,6 +373,7 @@ impl<T: Real> Minimiser<T> {
                 Guess::Still => self.rigid.stay(),
                 _ => self.rigid.guess(at),
             }
+            self.led = 1.0;
             trial.put(scene, guesses, (form, self.mass_damping), &self.rigid, at);
             if let Some(share) = tools {
                 self.fit(scene, terms, form, share);
@@ -359,9 +389,17 @@ impl<T: Real> Minimiser<T> {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept();
                 found = true;
+                led = self.led;
             }
         }
+        self.led = led;
         found
+    }
+
+    /// What trials are put by: with nodes that are led as far as they have gone.
+    pub(super) fn how(&self, form: Form) -> (Form, f64) {
+        let reach = self.led * form.reach;
+        (Form { reach, ..form }, self.mass_damping)
     }
 
     /// Solves for the direction. `None` where there is nothing to solve.

@@ -10,8 +10,9 @@ use super::rigid::RigidBodies;
 use super::rules::Form;
 use super::self_contact::Touching;
 use super::terms::Term;
-use super::vectors::{V4, add, add_scaled, apply, scale, sub, weight};
+use super::vectors::{V4, add, add_scaled, apply, sub, weight, zero};
 use crate::physics;
+use crate::physics::contact::KEPT;
 use glam::DVec3;
 
 /// Residual to reach, over the forces of contact and what else moves the body.
@@ -22,6 +23,11 @@ const LINEAR: f64 = 1e-2;
 
 /// Iterations of a step at most.
 const ITERATIONS: u32 = 80;
+
+/// Iterations of a step at most in which something is in the way of nodes that are led, which go on
+/// whenever the square of the residual is so many times the one at which a step ends.
+pub(super) const LEADING: u32 = 400;
+pub(super) const EASED: f64 = 1e3;
 
 /// How often friction takes over normal forces in a step at most, and the change of these, over
 /// themselves, from which on it does so again.
@@ -37,6 +43,9 @@ pub(super) const FAINT: u32 = 6;
 
 /// The gap of tools that push from farther away at first, over that of the iteration before.
 const NARROWER: f64 = 0.3;
+
+/// The part of their distance that parts of the body keep on a way that was cut short by them.
+const PASSES: f64 = 0.5 * KEPT;
 
 /// Rounds in which rigid bodies make way.
 const ROUNDS: usize = 12;
@@ -84,6 +93,12 @@ impl<T: Real> Minimiser<T> {
         if stages == 0 {
             return 0;
         }
+        self.begin_near(implicit);
+        stages
+    }
+
+    /// Begins a step in which something may touch, which takes more iterations: in one stage.
+    pub(super) fn begin_near(&mut self, implicit: &mut Implicit<T>) -> u32 {
         // Made of other points in contact: and so that a run that is resumed takes the same steps.
         implicit.forget_coarse();
         let own = self.settings;
@@ -95,7 +110,7 @@ impl<T: Real> Minimiser<T> {
             },
             linear: own.linear.min(LINEAR),
         };
-        stages
+        1
     }
 
     fn begin_tools(
@@ -129,19 +144,80 @@ impl<T: Real> Minimiser<T> {
         if let Some(contact) = contact_mut(terms) {
             contact.stage(0.0);
         }
-        let way = self.way(scene, terms, scene.at.u, &self.trial.place);
-        if way < 1.0 {
-            self.moved.clone_from(&self.trial.delta);
-            self.moved
-                .iter_mut()
-                .for_each(|by| *by = scale(T::of(way), *by));
+        let still = vec![zero(); scene.at.u.len()];
+        self.shorten(scene, terms, form, (0.0, &still, scene.at.u), true);
+        self.make_way(scene, terms, form, [0.0, to]);
+    }
+
+    /// Cuts the trial short where a part of the body goes through another on the way from another
+    /// trial, or too deep into a tool: the part of their way that nodes that are led have gone there,
+    /// its δ, and where its nodes are.
+    fn shorten(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        (led, before, places): (f64, &[V4<T>], &[V4<T>]),
+        tools: bool,
+    ) {
+        let leads = leads(scene);
+        for round in 0..ROUNDS {
+            let kept = if round == 0 { KEPT } else { PASSES };
+            let way = self.way(scene, terms, [places, &self.trial.place], (kept, tools));
+            if way >= 1.0 {
+                return;
+            }
+            let part = match round {
+                0 => way,
+                _ if round + 1 < ROUNDS => 0.5 * way,
+                _ => 0.0,
+            };
+            let ends = before.iter().zip(&self.trial.delta);
+            let shortened = ends.map(|(a, b)| add_scaled(*a, T::of(part), sub(*b, *a)));
+            self.moved = shortened.collect();
+            if leads {
+                self.led = led + part * (self.led - led);
+            }
             let moved = &self.moved;
             let at = |i: usize| moved[i];
             self.rigid.guess(at);
-            let how = (form, self.mass_damping);
+            let how = self.how(form);
             self.trial.put(scene, &self.guesses, how, &self.rigid, at);
+            // Straight ways keep what they are found to; what turns goes round.
+            if self.rigid.is_empty() {
+                return;
+            }
         }
-        self.make_way(scene, terms, form, [0.0, to]);
+    }
+
+    /// Has nodes that are led go on, as far as nothing is in their way, where something was.
+    pub(super) fn lead_on(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+    ) {
+        let led = std::mem::replace(&mut self.led, 1.0);
+        let (delta, places) = (self.best.delta.clone(), self.best.place.clone());
+        let at = |i: usize| delta[i];
+        self.rigid.repeat();
+        let how = self.how(form);
+        self.trial.put(scene, &self.guesses, how, &self.rigid, at);
+        self.shorten(scene, terms, form, (led, &delta, &places), true);
+        let (trial, scratch) = (&mut self.trial, &mut self.forces);
+        trial.weigh(scene, terms, &self.lagged, scratch, form);
+        std::mem::swap(&mut self.best, &mut self.trial);
+        self.rigid.accept();
+    }
+
+    /// Sees to it that all that may touch at the best trial is among the pairs. Whether anything is.
+    pub(super) fn cover(&self, scene: &Scene<'_, T>, terms: &mut [Box<dyn Term<T>>]) -> bool {
+        let Some(own) = touching_mut(terms) else {
+            return false;
+        };
+        let with = (scene.free, scene.plan);
+        own.cover([scene.at.u, &self.best.place], with, &self.rigid);
+        !own.is_empty()
     }
 
     /// Has the tools go from one share of their way to another, for which the nodes of the trial
@@ -153,7 +229,7 @@ impl<T: Real> Minimiser<T> {
         form: Form,
         [from, to]: [f64; 2],
     ) {
-        let how = (form, self.mass_damping);
+        let how = self.how(form);
         // What makes way must not go through another part of the body.
         let own = touching(terms).is_some();
         let before = own.then(|| (self.trial.delta.clone(), self.trial.place.clone()));
@@ -182,37 +258,25 @@ impl<T: Real> Minimiser<T> {
             let at = |i: usize| moved[i];
             self.trial.put(scene, &self.guesses, how, &self.rigid, at);
         }
-        let (Some(own), Some((before, places))) = (touching_mut(terms).filter(|_| any), before)
-        else {
-            return;
-        };
-        let with = (scene.free, scene.plan);
-        let way = own.way(&places, &self.trial.place, with, &self.rigid);
-        if way < 1.0 {
-            let part = T::of(way);
-            let ends = before.iter().zip(&self.trial.delta);
-            let shortened = ends.map(|(a, b)| add_scaled(*a, part, sub(*b, *a)));
-            self.moved = shortened.collect();
-            let moved = &self.moved;
-            let at = |i: usize| moved[i];
-            self.rigid.guess(at);
-            self.trial.put(scene, &self.guesses, how, &self.rigid, at);
+        if let Some((before, places)) = before.filter(|_| any) {
+            self.shorten(scene, terms, form, (self.led, &before, &places), false);
         }
     }
 
-    /// The part of the way between two displacements on which no point goes too deep into a tool,
-    /// and no part of the body through another.
+    /// The part of the way between two displacements on which no point goes too deep into a tool, if
+    /// these count, and parts of the body keep the part `kept` of their distances.
     fn way(
         &self,
         scene: &Scene<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        from: &[V4<T>],
-        to: &[V4<T>],
+        [from, to]: [&[V4<T>]; 2],
+        (kept, tools): (f64, bool),
     ) -> f64 {
         let with = (scene.free, scene.plan);
-        let tools = contact_mut(terms).map_or(1.0, |c| c.way(from, to, with));
+        let tools = contact_mut(terms).filter(|_| tools);
+        let tools = tools.map_or(1.0, |c| c.way(from, to, with));
         let own = touching_mut(terms);
-        tools.min(own.map_or(1.0, |own| own.way(from, to, with, &self.rigid)))
+        tools.min(own.map_or(1.0, |own| own.way([from, to], with, &self.rigid, kept)))
     }
 
     /// Goes one iteration, and has the tools go on to the share `to` of their way. Returns the
@@ -316,7 +380,7 @@ impl<T: Real> Minimiser<T> {
         for (to, (by, free)) in self.moved.iter_mut().zip(ways) {
             *to = add_scaled(*to, *free, *by);
         }
-        self.way(scene, terms, &self.best.place, &self.moved)
+        self.way(scene, terms, [&self.best.place, &self.moved], (KEPT, true))
     }
 
     /// Whether the trial passes anything on its straight way from the best one: rigid bodies turn,
@@ -328,8 +392,14 @@ impl<T: Real> Minimiser<T> {
         let with = (scene.free, scene.plan);
         let (from, to) = (&self.best.place, &self.trial.place);
         let own = touching_mut(terms);
-        own.is_some_and(|own| own.way(from, to, with, &self.rigid) < 1.0)
+        own.is_some_and(|own| own.way([from, to], with, &self.rigid, PASSES) < 1.0)
     }
+}
+
+/// Whether any node is led along.
+fn leads<T: Real>(scene: &Scene<'_, T>) -> bool {
+    let mut nodes = scene.free.iter().zip(scene.at.v);
+    nodes.any(|(free, v)| *free == T::ZERO && wide(*v) != DVec3::ZERO)
 }
 
 /// How nodes of a body at `u` come out of its tools where these stand.

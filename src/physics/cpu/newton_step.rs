@@ -4,7 +4,7 @@ use super::body::CpuBody;
 use super::guard::{Failure, Sums};
 use super::implicit::Scene;
 use super::newton::Outside;
-use super::newton_contact::contact;
+use super::newton_contact::{contact, touching_mut};
 use super::real::Real;
 use super::rules::Rule;
 use super::sum::motion;
@@ -88,6 +88,10 @@ impl<T: Real> CpuBody<T> {
         };
         if contact(&self.terms).is_some_and(|c| c.pierced(&newton.best.place)) {
             return Some(Err(Failure::Pierced));
+        }
+        let own = touching_mut(&mut self.terms);
+        if newton.led < 1.0 || own.is_some_and(|own| own.passed(&newton.best.place)) {
+            return Some(Err(Failure::Blocked));
         }
         let next = &mut self.next;
         newton.finish(&scene, implicit, (h, self.lag), (&mut next.u, &mut next.v));

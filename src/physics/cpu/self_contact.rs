@@ -11,15 +11,21 @@ use super::contact_hull::Hull;
 use super::pool::Plan;
 use super::real::Real;
 use super::rigid::RigidBodies;
-use super::self_pairs::{Pair, Surface};
+use super::self_pairs::{Crossing, Pair, Surface};
 use super::terms::{At, Share, Term};
 use super::vectors::{V4, add};
-use crate::physics::contact::{Barrier, Slip};
+use crate::physics::contact::{Barrier, Features, Slip};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
 /// How far nodes may stray from the ways that pairs are chosen for, over the boundary's mean edge.
 const MARGIN: f64 = 0.1;
+
+/// Where a start has an edge go through a face they are drawn apart: by this part of the mean edge in
+/// a step, until they are so far apart, with so many times the stiffness of what is behind them.
+const STRIDE: f64 = 0.1;
+const APART: f64 = 0.1;
+const STIFF: f64 = 30.0;
 
 /// What a pair's friction goes by: those of the iterate before.
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,6 +46,16 @@ struct Pushing {
     slope: [DVec3; 4],
 }
 
+/// An edge that is drawn out of a face: E = ½ k (goal − s)² while its end is not so far in front.
+#[derive(Clone, Copy, Debug)]
+struct Drawn {
+    crossing: Crossing,
+    goal: f64,
+    /// k.
+    stiffness: f64,
+    home: u32,
+}
+
 /// A body's contact with itself.
 pub(super) struct Touching<T> {
     pub surface: Surface,
@@ -52,6 +68,7 @@ pub(super) struct Touching<T> {
     /// Those with a node in each chunk.
     homes: Vec<Vec<u32>>,
     rubs: Vec<Rub>,
+    drawn: Vec<Drawn>,
     firsts: Vec<usize>,
     blocks: Blocks<T>,
 }
@@ -68,6 +85,7 @@ impl<T: Real> Touching<T> {
             pairs: Vec::new(),
             homes: vec![Vec::new(); chunks],
             rubs: Vec::new(),
+            drawn: Vec::new(),
             firsts: (0..chunks).map(|c| plan.range(c).start).collect(),
             blocks: Blocks::new(chunks),
         }
@@ -80,12 +98,45 @@ impl<T: Real> Touching<T> {
         rigid: &RigidBodies,
         moved: &(dyn Fn(usize) -> DVec3 + Sync),
     ) -> bool {
-        if self.surface.is_tangled() {
-            self.surface.untangle(with.0);
-        }
+        self.surface.begin(with.0);
+        self.draw(with.0, with.2);
+        self.rubs.clear();
         self.choose(with, rigid, moved, MARGIN * self.surface.edge());
         self.rub(with.0);
         !self.is_empty()
+    }
+
+    /// Takes note of what goes through what at `u`: all that is drawn apart in a step.
+    fn draw(&mut self, u: &[V4<T>], plan: &Plan) {
+        let edge = self.surface.edge();
+        let found = self.surface.untangle(u);
+        let draw = |crossing: Crossing| {
+            let depth = self.in_front(&crossing, u);
+            Drawn {
+                goal: (APART * edge).min(depth + STRIDE * edge),
+                stiffness: STIFF * crossing.weight / edge,
+                home: plan.chunk_of(crossing.nodes[0] as usize) as u32,
+                crossing,
+            }
+        };
+        self.drawn = found.into_iter().map(draw).collect();
+    }
+
+    /// How far in front of a face the end of an edge is that goes through it: less than 0.
+    fn in_front(&self, crossing: &Crossing, u: &[V4<T>]) -> f64 {
+        let ends = crossing.nodes.iter().zip(crossing.weights);
+        let apart: DVec3 = ends.map(|(i, w)| w * self.surface.place(*i, u)).sum();
+        apart.dot(crossing.normal)
+    }
+
+    /// How much farther it should be, where it is not far enough.
+    fn lacks(&self, drawn: &Drawn, u: &[V4<T>]) -> f64 {
+        (drawn.goal - self.in_front(&drawn.crossing, u)).max(0.0)
+    }
+
+    /// Whether any edge goes through a face at `u`, of a step that began with none that did.
+    pub fn passed(&mut self, u: &[V4<T>]) -> bool {
+        self.drawn.is_empty() && !self.pairs.is_empty() && !self.surface.crossings(u).is_empty()
     }
 
     fn choose(
@@ -95,46 +146,62 @@ impl<T: Real> Touching<T> {
         moved: &(dyn Fn(usize) -> DVec3 + Sync),
         margin: f64,
     ) {
+        let key = |pair: &Pair| (pair.features == Features::EdgeEdge, pair.nodes);
+        // Friction goes by the same forces whatever pairs there are.
+        let rubs: BTreeMap<_, Rub> = self
+            .pairs
+            .iter()
+            .zip(&self.rubs)
+            .filter(|(_, rub)| rub.limit > 0.0)
+            .map(|(pair, rub)| (key(pair), *rub))
+            .collect();
         self.pairs = self.surface.choose(with, rigid, moved, (self.gap, margin));
         self.homes.iter_mut().for_each(Vec::clear);
         for (k, pair) in self.pairs.iter().enumerate() {
             pair.homes().for_each(|c| self.homes[c].push(k as u32));
         }
-        self.rubs.clear();
+        let rub = |pair: &Pair| rubs.get(&key(pair)).copied().unwrap_or_default();
+        self.rubs = match rubs.is_empty() {
+            true => Vec::new(),
+            false => self.pairs.iter().map(rub).collect(),
+        };
     }
 
-    /// The part of the way from the displacements `from` to `to` on which nothing passes anything.
-    pub fn way(
+    /// Sees to it that all that may touch on the way from the displacements `from` to `to` is among
+    /// the pairs.
+    pub fn cover(
         &mut self,
-        from: &[V4<T>],
-        to: &[V4<T>],
+        [from, to]: [&[V4<T>]; 2],
         (free, plan): (&[T], &Plan),
         rigid: &RigidBodies,
-    ) -> f64 {
-        let strayed = [from, to].map(|u| self.surface.strayed(u));
-        let [[a, margin], [b, _]] = strayed;
-        if a.max(b) > margin {
+    ) {
+        if [from, to].iter().any(|u| self.surface.strays(u)) {
             let moved = |i: usize| wide(to[i]) - wide(from[i]);
             let margin = MARGIN * self.surface.edge();
-            let before = std::mem::take(&mut self.pairs);
-            let rubs = std::mem::take(&mut self.rubs);
             self.choose((from, free, plan), rigid, &moved, margin);
-            // Friction goes on by the same forces: other ones would be another potential.
-            let key = |pair: &Pair| (pair.nodes, pair.features);
-            let known: BTreeMap<_, _> = before.iter().map(key).zip(rubs).collect();
-            let of = |pair| known.get(&key(pair)).copied().unwrap_or_default();
-            self.rubs = self.pairs.iter().map(of).collect();
         }
+    }
+
+    /// The part of the way from the displacements `from` to `to` on which all pairs keep the part
+    /// `kept` of their distances.
+    pub fn way(
+        &mut self,
+        [from, to]: [&[V4<T>]; 2],
+        with: (&[T], &Plan),
+        rigid: &RigidBodies,
+        kept: f64,
+    ) -> f64 {
+        self.cover([from, to], with, rigid);
         let ways = self.pairs.iter().map(|pair| {
-            let ends = [from, to].map(|u| pair.nodes.map(|i| self.surface.place(i, u)));
-            pair.features.free_way(&ends[0], &ends[1])
+            let ends = [from, to].map(|u| self.places(pair, u));
+            pair.features.free_way(&ends[0], &ends[1], kept)
         });
         ways.fold(1.0, f64::min)
     }
 
     /// Whether nothing may come near anything.
     pub fn is_empty(&self) -> bool {
-        self.pairs.is_empty()
+        self.pairs.is_empty() && self.drawn.is_empty()
     }
 
     fn places(&self, pair: &Pair, u: &[V4<T>]) -> [DVec3; 4] {
@@ -208,7 +275,24 @@ impl<T: Real> Touching<T> {
             let forces = pair.nodes.iter().zip(Self::push(pair, &own));
             Some(forces.map(|(i, f)| over(*i as usize, f)).sum::<f64>())
         };
-        self.pairs.iter().filter_map(of).sum()
+        let drawn = self.drawn.iter().map(|drawn| {
+            let forces = drawn.crossing.nodes.iter().zip(self.drawing(drawn, u));
+            forces.map(|(i, f)| over(*i as usize, f)).sum::<f64>()
+        });
+        self.pairs.iter().filter_map(of).sum::<f64>() + drawn.sum::<f64>()
+    }
+
+    /// The forces that draw an edge out of a face.
+    fn drawing(&self, drawn: &Drawn, u: &[V4<T>]) -> [DVec3; 4] {
+        let force = drawn.stiffness * self.lacks(drawn, u) * drawn.crossing.normal;
+        drawn.crossing.weights.map(|w| w * force)
+    }
+
+    /// The energy of what is drawn apart, of a chunk.
+    fn drawing_energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
+        let own = self.drawn.iter().filter(|d| d.home as usize == chunk);
+        own.map(|d| 0.5 * d.stiffness * self.lacks(d, u).powi(2))
+            .sum()
     }
 
     /// The pairs with a node in a chunk, and whether it is the one to count their energy.
@@ -219,9 +303,9 @@ impl<T: Real> Touching<T> {
         })
     }
 
-    /// Adds forces on the nodes of a pair to those of a chunk.
-    fn add(&self, chunk: usize, pair: &Pair, forces: [DVec3; 4], f: &mut [V4<T>]) {
-        for (i, force) in pair.nodes.iter().zip(forces) {
+    /// Adds forces on nodes to those of a chunk.
+    fn add(&self, chunk: usize, nodes: &[u32; 4], forces: [DVec3; 4], f: &mut [V4<T>]) {
+        for (i, force) in nodes.iter().zip(forces) {
             // Nodes before the chunk wrap around and are beyond its end.
             if let Some(f) = f.get_mut((*i as usize).wrapping_sub(self.firsts[chunk])) {
                 *f = add(*f, narrow(force));
@@ -254,12 +338,15 @@ impl<T: Real> Term<T> for Touching<T> {
             let Some(own) = self.pushing(pair, u) else {
                 continue;
             };
-            self.add(chunk, pair, Self::push(pair, &own), f);
+            self.add(chunk, &pair.nodes, Self::push(pair, &own), f);
             if counts {
                 energy += own.share * pair.weight * pair.gap * own.barrier.value;
             }
         }
-        energy
+        for drawn in &self.drawn {
+            self.add(chunk, &drawn.crossing.nodes, self.drawing(drawn, u), f);
+        }
+        energy + self.drawing_energy(chunk, u)
     }
 
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
@@ -268,7 +355,8 @@ impl<T: Real> Term<T> for Touching<T> {
             let own = self.pushing(pair, u)?;
             Some(own.share * pair.weight * pair.gap * own.barrier.value)
         })
-        .sum()
+        .sum::<f64>()
+            + self.drawing_energy(chunk, u)
     }
 
     fn damped(&self) -> bool {
@@ -284,7 +372,7 @@ impl<T: Real> Term<T> for Touching<T> {
             let slide = Self::sliding(pair, rub, at.v);
             let slip = Slip::at(slide.length(), self.least_speed);
             let force = -rub.limit * slip.slope_over * slide;
-            self.add(chunk, pair, rub.weights.map(|w| w * force), f);
+            self.add(chunk, &pair.nodes, rub.weights.map(|w| w * force), f);
             if counts {
                 loss += rub.limit * slip.value;
             }
@@ -311,6 +399,16 @@ impl<T: Real> Term<T> for Touching<T> {
                 blocks.push(plan, (pair.nodes, rub.weights), &block, share.diagonal);
             }
         }
+        for drawn in self.drawn.iter().filter(|d| self.lacks(d, at.u) > 0.0) {
+            let Crossing {
+                nodes,
+                weights,
+                normal,
+                ..
+            } = drawn.crossing;
+            let block = outer(normal) * (h * h * drawn.stiffness);
+            blocks.push(plan, (nodes, weights), &block, share.diagonal);
+        }
         self.blocks = blocks;
     }
 
@@ -319,13 +417,6 @@ impl<T: Real> Term<T> for Touching<T> {
     }
 
     fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
-        // Those too that may touch before the step ends: what a coarse space couples is fixed first.
-        for pair in &self.pairs {
-            for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
-                let [i, j] = [pair.nodes[a], pair.nodes[b]];
-                visit([i.min(j), i.max(j)], &DMat3::ZERO);
-            }
-        }
         self.blocks.pairs(visit);
     }
 

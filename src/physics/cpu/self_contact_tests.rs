@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used)]
 
 use super::body::CpuBody;
-use super::loads::Attachment;
 use super::newton_contact::{touching, touching_mut};
 use super::real::Real;
 use super::terms::{At, Share, Term};
@@ -19,14 +18,14 @@ use crate::physics::{
 use glam::{DQuat, DVec3};
 
 /// Bodies as one mesh, which feel each other or not.
-struct Meeting<T: Real> {
-    body: CpuBody<T>,
-    network: SpringNetwork,
-    faces: Vec<[u32; 3]>,
-    through: usize,
+pub(super) struct Meeting<T: Real> {
+    pub body: CpuBody<T>,
+    pub network: SpringNetwork,
+    pub faces: Vec<[u32; 3]>,
+    pub through: usize,
 }
 
-fn soft(young: f64) -> Material {
+pub(super) fn soft(young: f64) -> Material {
     Material {
         model: MaterialModel::NeoHookean,
         poisson: 0.3,
@@ -37,7 +36,7 @@ fn soft(young: f64) -> Material {
 }
 
 /// Meshes as one, each turned and moved.
-fn joined(parts: &[(&TetMesh, DQuat, DVec3)]) -> TetMesh {
+pub(super) fn joined(parts: &[(&TetMesh, DQuat, DVec3)]) -> TetMesh {
     let (mut nodes, mut tets) = (Vec::new(), Vec::new());
     for (mesh, turn, by) in parts {
         let first = nodes.len() as u32;
@@ -54,11 +53,11 @@ fn boundary(mesh: &TetMesh) -> Vec<[u32; 3]> {
 }
 
 impl<T: Real> Meeting<T> {
-    fn new(mesh: &TetMesh, material: &Material, friction: Option<f64>) -> Meeting<T> {
+    pub fn new(mesh: &TetMesh, material: &Material, friction: Option<f64>) -> Meeting<T> {
         Meeting::of(mesh, material, friction, SolverKind::Implicit)
     }
 
-    fn of(
+    pub fn of(
         mesh: &TetMesh,
         material: &Material,
         friction: Option<f64>,
@@ -84,7 +83,7 @@ impl<T: Real> Meeting<T> {
     }
 
     /// How many edges of the boundary go through faces of it, by looking at all.
-    fn pierced(&self) -> usize {
+    pub fn pierced(&self) -> usize {
         let x = self.body.positions();
         let mut edges: Vec<[u32; 2]> = self
             .faces
@@ -112,7 +111,7 @@ impl<T: Real> Meeting<T> {
         edges.iter().filter(through).count()
     }
 
-    fn momentum(&self) -> DVec3 {
+    pub fn momentum(&self) -> DVec3 {
         let v = self.body.velocities();
         let masses = self.network.masses.iter();
         masses.zip(v).map(|(m, v)| *m * v).sum()
@@ -306,7 +305,7 @@ fn nothing_passes_anything_in_a_thousand_drops() {
 }
 
 /// A tool at a height, its upper side along `along`.
-fn plane(at: DVec3, along: DVec3, friction: f64) -> Tool {
+pub(super) fn plane(at: DVec3, along: DVec3, friction: f64) -> Tool {
     Tool {
         shape: Shape::Plane,
         pose: ToolPose::new(at, DQuat::from_rotation_arc(DVec3::Z, along)),
@@ -401,75 +400,6 @@ fn a_start_with_parts_through_each_other_is_told() {
     };
     let apart = Meeting::<f64>::new(&mesh(0.11), &soft(1e4), Some(0.0));
     assert_eq!(apart.through, 0);
-    let mut within = Meeting::<f64>::new(&mesh(0.09), &soft(1e4), Some(0.0));
+    let within = Meeting::<f64>::new(&mesh(0.09), &soft(1e4), Some(0.0));
     assert!(within.through > 0 && within.pierced() > 0);
-    within.body.run(5, 0.01).unwrap();
-}
-
-/// A block of 10 × 10 × 6 cm.
-fn block() -> TetMesh {
-    box_mesh([3, 3, 2], DVec3::new(0.1, 0.1, 0.06), Split::Five).unwrap()
-}
-
-/// One above the other, so far apart.
-fn pair(apart: f64) -> TetMesh {
-    joined(&[
-        (&block(), DQuat::IDENTITY, DVec3::ZERO),
-        (
-            &block(),
-            DQuat::from_rotation_z(0.3),
-            DVec3::new(0.01, 0.0, 0.06 + apart),
-        ),
-    ])
-}
-
-#[test]
-fn what_flies_behind_does_not_pass_what_is_stopped() {
-    // Both fall onto a plane, by as much as a block's height in a step.
-    for (kind, speed, young) in [
-        (SolverKind::Implicit, 3.0, 1e6),
-        (SolverKind::Implicit, 8.0, 1e5),
-        (SolverKind::Bdf2, 3.0, 1e6),
-    ] {
-        let mesh = pair(0.012);
-        let mut meeting = Meeting::<f32>::of(&mesh, &soft(young), Some(0.2), kind);
-        let floor = plane(DVec3::new(0.0, 0.0, -0.01), DVec3::Z, 0.2);
-        meeting
-            .body
-            .add_tool(&floor, &meeting.faces, &meeting.network);
-        let x = meeting.body.positions();
-        let v = vec![DVec3::new(0.0, 0.0, -speed); x.len()];
-        meeting.body.set_state(&x, &v).unwrap();
-        for step in 0..10 {
-            meeting.body.run(1, 0.01).unwrap();
-            assert_eq!(meeting.pierced(), 0, "{kind} {speed} {young} {step}");
-        }
-    }
-}
-
-#[test]
-fn what_is_led_pushes_what_is_in_its_way() {
-    let mesh = pair(0.004);
-    let mut meeting = Meeting::<f32>::new(&mesh, &soft(2e4), Some(0.2));
-    let count = block().nodes.len();
-    let x = meeting.body.positions();
-    let low = x.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-    let high = x.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max);
-    let pinned: Vec<bool> = x.iter().map(|p| p.z < low + 1e-6).collect();
-    meeting.body.set_pinned(&pinned).unwrap();
-    let velocity = DVec3::new(0.0, 0.0, -0.4);
-    let h = 0.05;
-    for step in 0..3 {
-        let led: Vec<Attachment> = (count..2 * count)
-            .filter(|v| x[*v].z > high - 1e-6)
-            .map(|v| Attachment::Lead {
-                node: v as u32,
-                place: x[v] + velocity * h * f64::from(step),
-                velocity,
-            })
-            .collect();
-        meeting.body.set_attachments(&led).unwrap();
-        meeting.body.run(1, h).unwrap();
-        assert_eq!(meeting.pierced(), 0, "{step}");
-    }
 }

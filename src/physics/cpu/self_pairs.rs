@@ -7,15 +7,17 @@ use super::real::Real;
 use super::rigid::RigidBodies;
 use super::vectors::V4;
 use crate::parallel;
-use crate::physics::contact::{Bounds, Features, Hierarchy, around, pierces};
+use crate::physics::contact::{Bounds, Features, Hierarchy, around, crossing};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
 /// The gap of a pair that is nearer at rest, over its distance there.
 const AT_REST: f64 = 0.8;
 
-/// Pairs whose gap would be less than this part of the others' coincide at rest, and are left alone.
+/// Pairs whose gap would be less than this part of the others' coincide at rest. They are left alone
+/// until a step begins with them so far apart, and push each other from the second part on then.
 const COINCIDES: f64 = 1e-2;
+const PARTED: f64 = 5e-2;
 
 /// A vertex counts for so much of its area, and an edge: each place has several pairs on both sides.
 const SHARE: f64 = 0.25;
@@ -51,11 +53,31 @@ pub(super) struct Surface {
     edges: Vec<([u32; 2], f64)>,
     faces_tree: Hierarchy,
     edges_tree: Hierarchy,
-    /// Where nodes of the boundary are in a step: from one place to another, and how far from there.
-    ways: BTreeMap<u32, [DVec3; 2]>,
+    /// Where nodes of the boundary are in a step: from one place to another, all of them at the same
+    /// part of their ways, and how far from there.
+    ways: Vec<[DVec3; 2]>,
     margin: f64,
-    /// Nodes of features that go through each other: they push nothing until they are free.
+    /// Where all nodes are when a step begins.
+    begun: Vec<DVec3>,
+    /// Nodes of features that go through each other: they are in no pair until they are free.
     tangled: Vec<bool>,
+}
+
+/// An edge that goes through a face.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Crossing {
+    /// Its end that is behind the face, and the face.
+    pub nodes: [u32; 4],
+    /// Its other end.
+    other: u32,
+    /// The number of the face.
+    pub face: u32,
+    /// Σ w x leads from where it goes through to that end.
+    pub weights: [f64; 4],
+    /// Of the face, outwards.
+    pub normal: DVec3,
+    /// A K.
+    pub weight: f64,
 }
 
 impl Surface {
@@ -80,8 +102,9 @@ impl Surface {
             edges,
             faces_tree,
             edges_tree,
-            ways: BTreeMap::new(),
+            ways: Vec::new(),
             margin: 0.0,
+            begun: Vec::new(),
         }
     }
 
@@ -96,24 +119,46 @@ impl Surface {
         self.hull.place(i as usize, u)
     }
 
-    /// How far the nodes of the boundary are at `u` from the ways that pairs were chosen for, all of
-    /// them the same part of the way on: what flies with what is stopped does come near it. And how
-    /// far they may be.
-    pub fn strayed<T: Real>(&self, u: &[V4<T>]) -> [f64; 2] {
-        let (mut along, mut all) = (0.0, 0.0);
-        for (i, [a, b]) in &self.ways {
-            let way = *b - *a;
-            along += (self.place(*i, u) - *a).dot(way);
+    /// Whether nodes of the boundary are at `u` farther than they may be from the ways that pairs were
+    /// chosen for. All at the same part of these: what moves together and is stopped apart may meet.
+    pub fn strays<T: Real>(&self, u: &[V4<T>]) -> bool {
+        let ways = || {
+            let nodes = self.hull.nodes.iter().zip(&self.ways);
+            nodes.map(|((i, _), [a, b])| (self.place(*i, u), *a, *b - *a))
+        };
+        let (mut gone, mut all) = (0.0, 0.0);
+        for (p, a, way) in ways() {
+            gone += (p - a).dot(way);
             all += way.length_squared();
         }
-        let part = (along / all.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        let ways = self.ways.iter();
-        let off = ways.map(|(i, [a, b])| self.place(*i, u).distance_squared(a.lerp(*b, part)));
-        [off.fold(0.0, f64::max).sqrt(), self.margin]
+        let part = match all > 0.0 {
+            true => (gone / all).clamp(0.0, 1.0),
+            false => 0.0,
+        };
+        let off = ways().map(|(p, a, way)| p.distance_squared(a + part * way));
+        off.fold(0.0, f64::max) > self.margin * self.margin
     }
 
-    /// Looks which features go through each other at `u`. How many faces do.
-    pub fn untangle<T: Real>(&mut self, u: &[V4<T>]) -> usize {
+    /// Takes note of where a step begins.
+    pub fn begin<T: Real>(&mut self, u: &[V4<T>]) {
+        self.begun.clear();
+        let places = self.hull.rest.iter().zip(u);
+        self.begun.extend(places.map(|(x, u)| *x + wide(*u)));
+    }
+
+    /// Takes note of which features go through each other at `u`.
+    pub fn untangle<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Crossing> {
+        let found = self.crossings(u);
+        self.tangled.fill(false);
+        for crossing in &found {
+            let nodes = crossing.nodes.iter().chain([&crossing.other]);
+            nodes.for_each(|v| self.tangled[*v as usize] = true);
+        }
+        found
+    }
+
+    /// Edges that go through faces at `u`.
+    pub fn crossings<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Crossing> {
         let at = |v: u32| self.hull.place(v as usize, u);
         let boxed = |nodes: &[u32]| {
             let boxes = nodes.iter().map(|v| [at(*v); 2]);
@@ -122,31 +167,29 @@ impl Surface {
         let (faces, edges) = (&self.hull.faces, &self.edges);
         self.faces_tree.refit(|k| boxed(&faces[k].0));
         let tree = &self.faces_tree;
-        let found = parallel::collect(edges.len(), |range, found| {
+        parallel::collect(edges.len(), |range, found| {
             for k in range {
-                let edge = &edges[k].0;
+                let (edge, weight) = &edges[k];
                 tree.visit(&boxed(edge), |f| {
                     let face = &faces[f as usize].0;
-                    let apart = edge.iter().all(|v| !face.contains(v));
-                    if apart && pierces(edge.map(at), face.map(at)) {
-                        found.push((k, f as usize));
+                    if edge.iter().any(|v| face.contains(v)) {
+                        return;
+                    }
+                    let places = face.map(at);
+                    if let Some((weights, behind)) = crossing(edge.map(at), places) {
+                        let ([u, v, w], [a, b, c], [x, y, z]) = (weights, *face, places);
+                        found.push(Crossing {
+                            nodes: [edge[behind], a, b, c],
+                            other: edge[1 - behind],
+                            face: f,
+                            weights: [1.0, -u, -v, -w],
+                            normal: (y - x).cross(z - x).normalize_or_zero(),
+                            weight: *weight,
+                        });
                     }
                 });
             }
-        });
-        self.tangled.fill(false);
-        let mut pierced = vec![false; faces.len()];
-        for (edge, face) in found {
-            pierced[face] = true;
-            let nodes = edges[edge].0.iter().chain(&faces[face].0);
-            nodes.for_each(|v| self.tangled[*v as usize] = true);
-        }
-        pierced.iter().filter(|p| **p).count()
-    }
-
-    /// Whether any feature went through another when that was last looked at.
-    pub fn is_tangled(&self) -> bool {
-        self.tangled.contains(&true)
+        })
     }
 
     /// Chooses the pairs that may come nearer than `gap` while nodes stay within `margin` of their
@@ -164,12 +207,15 @@ impl Surface {
             let at = self.hull.rest[v as usize] + wide(u[v as usize]);
             [at, at + moved(v as usize)]
         };
-        self.ways = self.hull.nodes.iter().map(|(v, _)| (*v, way(*v))).collect();
+        self.ways = self.hull.nodes.iter().map(|(v, _)| way(*v)).collect();
+        // As seen by what moves along with them all.
+        let count = self.ways.len().max(1) as f64;
+        let mean = self.ways.iter().map(|[a, b]| *b - *a).sum::<DVec3>() / count;
         let more = margin + 0.5 * gap;
         let boxed = |nodes: &[u32]| -> Bounds {
             let boxes = nodes.iter().map(|v| {
                 let [a, b] = way(*v);
-                [a.min(b) - more, a.max(b) + more]
+                [a.min(b - mean) - more, a.max(b - mean) + more]
             });
             boxes.reduce(around).unwrap_or_default()
         };
@@ -190,8 +236,15 @@ impl Surface {
                 return None;
             }
             let rest = own.map(|v| self.hull.rest[v as usize]);
-            let own_gap = gap.min(AT_REST * features.nearest(&rest).distance);
-            (own_gap >= COINCIDES * gap).then(|| Pair {
+            let mut own_gap = gap.min(AT_REST * features.nearest(&rest).distance);
+            if own_gap < COINCIDES * gap {
+                let begun = own.map(|v| self.begun[v as usize]);
+                if features.nearest(&begun).distance < COINCIDES * gap {
+                    return None;
+                }
+                own_gap = PARTED * gap;
+            }
+            Some(Pair {
                 nodes: own,
                 features,
                 gap: own_gap,

@@ -141,7 +141,7 @@ impl CpuTets {
                     time: progress.time,
                     cause: match failure {
                         Failure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
-                        Failure::NotConverged { .. } | Failure::Pierced => {
+                        Failure::NotConverged { .. } | Failure::Pierced | Failure::Blocked => {
                             FailureCause::NotConverged
                         }
                         _ => FailureCause::NotFinite,

@@ -3,7 +3,7 @@
 use super::body::{CpuBody, Start};
 use super::contact::{Contact, Pressing, ToolPlace};
 use super::contact_hull::Hull;
-use super::newton_contact::{clear, contact, contact_mut, touching, touching_mut};
+use super::newton_contact::{clear, contact, contact_mut, touching};
 use super::real::Real;
 use super::self_contact::Touching;
 use super::terms::At;
@@ -11,6 +11,7 @@ use crate::physics::contact::check_pose;
 use crate::physics::{SelfContact, SolverKind, SpringNetwork, Tool, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;
+use std::collections::BTreeSet;
 
 /// The gap from which on a tool pushes, where none is given: over its size, and over the mean edge
 /// of the body's boundary.
@@ -104,9 +105,10 @@ impl<T: Real> CpuBody<T> {
         };
         let settings = [wanted.friction, gap.max(LEAST), HOLDS * self.units.time];
         let mut term = Touching::new(hull, &self.plan, settings);
-        let through = term.surface.untangle(&self.now.u);
+        let crossings = term.surface.crossings(&self.now.u);
+        let faces: BTreeSet<u32> = crossings.iter().map(|crossing| crossing.face).collect();
         self.add_term(Box::new(term));
-        through
+        faces.len()
     }
 
     /// Says where each tool is to be at the end of the next step.
@@ -168,12 +170,8 @@ impl<T: Real> CpuBody<T> {
             .collect()
     }
 
-    /// Moves what lies inside tools out of them, and looks which parts of the body go through each
-    /// other, before a first step.
+    /// Moves what lies inside tools out of them before a first step.
     pub(super) fn clear_tools(&mut self) {
-        if let Some(own) = touching_mut(&mut self.terms) {
-            own.surface.untangle(&self.now.u);
-        }
         let Some(contact) = contact_mut(&mut self.terms) else {
             return;
         };

@@ -290,7 +290,7 @@ fn every_scene_that_ships_is_drawn() {
             "--steps",
             "2",
             "--tets",
-            "4000",
+            "6000",
             "--out",
             text(&picture),
         ]));
