@@ -6,6 +6,7 @@ use super::implicit::Implicit;
 use super::loads::{Attachment, Loads, check_attachments};
 use super::muscle::Fibres;
 use super::newton::Minimiser;
+use super::newton_contact::touching;
 use super::order::Lumps;
 use super::pool::Plan;
 use super::pressure::Pressure;
@@ -52,6 +53,8 @@ pub struct CpuBody<T: Real> {
     pub(super) free: Vec<T>,
     pub(super) pinned: Vec<bool>,
     pub(super) attachments: Vec<Attachment>,
+    /// Nodes that are held and go to their places in the next step.
+    pub(super) underway: Vec<(usize, V4<T>)>,
     pub(super) gravity: DVec3,
     pub(super) external: Vec<DVec3>,
     pub(super) loads: Loads<T>,
@@ -206,6 +209,7 @@ impl<T: Real> CpuBody<T> {
             free: vec![T::ZERO; nodes],
             pinned: vec![false; real],
             attachments: Vec::new(),
+            underway: Vec::new(),
             gravity: DVec3::ZERO,
             external: vec![DVec3::ZERO; real],
             loads: Loads::none(nodes),
@@ -295,7 +299,8 @@ impl<T: Real> CpuBody<T> {
     }
 
     /// Sets what holds nodes and pulls at them, in place of what did. Nodes that are held are put
-    /// in their places; schemes begin afresh, as after a change of the state.
+    /// in their places, or where a body feels itself go there in the next step, as far as nothing is
+    /// in their way; schemes begin afresh, as after a change of the state.
     ///
     /// # Errors
     /// [`Error::Input`] for attachments that make no sense.
@@ -312,6 +317,8 @@ impl<T: Real> CpuBody<T> {
         if !same_nodes {
             self.free_nodes();
         }
+        let gradually = self.newton.is_some() && touching(&self.terms).is_some();
+        self.underway.clear();
         let mut goes_on = same_nodes && !attachments.is_empty();
         for a in attachments {
             let (node, to, velocity) = match *a {
@@ -333,11 +340,16 @@ impl<T: Real> CpuBody<T> {
             let k = self.place[v] as usize;
             let to = of_metres(to - self.rest[v], self.units.length);
             let off = sub(to, self.now.u[k]);
+            if gradually && matches!(a, Attachment::Hold { .. }) {
+                let rigid = self.newton.as_ref().and_then(|n| n.rigid.of(k));
+                self.underway.extend(rigid.is_none().then_some((k, to)));
+                continue;
+            }
             goes_on &= weight(off, off) < GOES_ON * GOES_ON;
             self.now.u[k] = to;
             self.now.v[k] = of_metres(velocity, self.units.velocity());
         }
-        self.follow_holds();
+        self.follow_holds(gradually);
         // Nodes that are led on from where they are change nothing that schemes remember.
         self.changed(match goes_on {
             true => Start::Resume,

@@ -369,11 +369,12 @@ impl<T: Real> Minimiser<T> {
             }
             let (guesses, trial) = (&self.guesses, &mut self.trial);
             let at = |i: usize| guesses.at(guess, scene, i);
+            self.led = 1.0;
+            self.rigid.led = 1.0;
             match guess {
                 Guess::Still => self.rigid.stay(),
                 _ => self.rigid.guess(at),
             }
-            self.led = 1.0;
             trial.put(scene, guesses, (form, self.mass_damping), &self.rigid, at);
             if let Some(share) = tools {
                 self.fit(scene, terms, form, share);
@@ -393,6 +394,7 @@ impl<T: Real> Minimiser<T> {
             }
         }
         self.led = led;
+        self.rigid.led = led;
         found
     }
 

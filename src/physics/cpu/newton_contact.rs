@@ -160,7 +160,7 @@ impl<T: Real> Minimiser<T> {
         (led, before, places): (f64, &[V4<T>], &[V4<T>]),
         tools: bool,
     ) {
-        let leads = leads(scene);
+        let leads = leads(scene) || self.rigid.targets.iter().any(Option::is_some);
         for round in 0..ROUNDS {
             let kept = if round == 0 { KEPT } else { PASSES };
             let way = self.way(scene, terms, [places, &self.trial.place], (kept, tools));
@@ -177,6 +177,7 @@ impl<T: Real> Minimiser<T> {
             self.moved = shortened.collect();
             if leads {
                 self.led = led + part * (self.led - led);
+                self.rigid.led = self.led;
             }
             let moved = &self.moved;
             let at = |i: usize| moved[i];
@@ -198,6 +199,7 @@ impl<T: Real> Minimiser<T> {
         form: Form,
     ) {
         let led = std::mem::replace(&mut self.led, 1.0);
+        self.rigid.led = 1.0;
         let (delta, places) = (self.best.delta.clone(), self.best.place.clone());
         let at = |i: usize| delta[i];
         self.rigid.repeat();

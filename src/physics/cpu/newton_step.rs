@@ -9,6 +9,7 @@ use super::real::Real;
 use super::rules::Rule;
 use super::sum::motion;
 use super::terms::At;
+use super::vectors::{scale, sub, zero};
 use crate::physics::StepRecord;
 #[cfg(test)]
 use crate::{Error, Result, physics::Newton};
@@ -57,9 +58,33 @@ impl<T: Real> CpuBody<T> {
 
     /// One step of `h` local units; `None` where the body has none of this kind.
     pub(super) fn advance_newton(&mut self, h: f64) -> Option<Refusable> {
+        self.set_out(h);
         let done = self.minimise(h);
+        self.arrive(matches!(done, Some(Ok(_))));
         self.keep_tools(matches!(done, Some(Ok(_))));
         done
+    }
+
+    /// Gives nodes that are held and have to go to their places the velocities that take them there
+    /// in a step of `h`.
+    fn set_out(&mut self, h: f64) {
+        let over = T::of(1.0 / h);
+        for (k, to) in &self.underway {
+            self.now.v[*k] = scale(over, sub(*to, self.now.u[*k]));
+        }
+    }
+
+    /// Has them stay there after a step that was sound.
+    fn arrive(&mut self, sound: bool) {
+        for (k, to) in &self.underway {
+            self.now.v[*k] = zero();
+            if sound {
+                self.now.u[*k] = *to;
+            }
+        }
+        if sound {
+            self.underway.clear();
+        }
     }
 
     fn minimise(&mut self, h: f64) -> Option<Refusable> {

@@ -61,7 +61,7 @@ impl<T: Real> Trial<T> {
         at: impl Fn(usize) -> V4<T> + Sync,
     ) {
         let over = T::of(1.0 / form.gamma);
-        let reach = T::of(form.reach);
+        let (reach, ahead) = (T::of(form.reach), T::of(1.0 / form.reach));
         let data = (
             Nodes(&mut self.delta),
             Nodes(&mut self.place),
@@ -72,7 +72,7 @@ impl<T: Real> Trial<T> {
             for (n, i) in nodes.enumerate() {
                 let free = scene.free[i];
                 let led = match i >= rigid.first {
-                    true => zero(),
+                    true => scale((T::ONE - free) * ahead, rigid.change(i)),
                     false => scale(T::ONE - free, scene.at.v[i]),
                 };
                 let d = match i >= rigid.first {

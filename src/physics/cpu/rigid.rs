@@ -35,6 +35,9 @@ pub(super) struct RigidBodies {
     pub now: Vec<Pose>,
     pub best: Vec<Pose>,
     pub trial: Vec<Pose>,
+    /// Where bodies that are held go in the step, and how much of that way trials have gone.
+    pub targets: Vec<Option<Pose>>,
+    pub led: f64,
     /// Shift and change of rotation from now to the last trial.
     changes: Vec<(DVec3, DMat3)>,
     /// Of the direction that is searched along: shift and rotation vector.
@@ -77,6 +80,8 @@ impl RigidBodies {
             now: poses.clone(),
             best: poses.clone(),
             trial: poses,
+            targets: vec![None; bodies.len()],
+            led: 1.0,
             changes: vec![(DVec3::ZERO, DMat3::ZERO); bodies.len()],
             directions: vec![(DVec3::ZERO, DVec3::ZERO); bodies.len()],
             torques: vec![DVec3::ZERO; bodies.len()],
@@ -186,6 +191,11 @@ impl RigidBodies {
     }
 
     fn note_changes(&mut self) {
+        for (b, target) in self.targets.iter().enumerate() {
+            if let Some(target) = target {
+                self.trial[b] = self.now[b].toward(target, self.led);
+            }
+        }
         for (b, change) in self.changes.iter_mut().enumerate() {
             let (now, then) = (&self.now[b], &self.trial[b]);
             let turn = DMat3::from_quat(then.turn) - DMat3::from_quat(now.turn);
@@ -208,6 +218,7 @@ impl RigidBodies {
     /// Makes the best trial what is now.
     pub fn keep(&mut self) {
         self.now.copy_from_slice(&self.best);
+        self.targets.fill(None);
     }
 
     /// Puts the nodes of all bodies where the `poses` have them.
@@ -315,9 +326,9 @@ impl RigidBodies {
         self.bodies[b].freedom = Freedom::of(arms, self.bodies[b].radius());
     }
 
-    /// Moves a body so that nodes of it come as near to places as they can: pairs of slots and
-    /// displacements, all that stays of it among them.
-    pub fn follow(&mut self, b: usize, held: &[(usize, DVec3)]) {
+    /// The pose of a body in which nodes of it are as near to places as they can be: pairs of slots
+    /// and displacements, all that stays of it among them.
+    pub fn follow(&self, b: usize, held: &[(usize, DVec3)]) -> Pose {
         let body = &self.bodies[b];
         let from = self.now[b];
         let count = held.len() as f64;
@@ -331,9 +342,9 @@ impl RigidBodies {
             m += outer(place(one) - at, arm(one.0) - middle);
         }
         let turn = closest_rotation(&m, from.turn, DMat3::IDENTITY);
-        self.now[b] = Pose {
+        Pose {
             shift: at - turn * middle - body.centre,
             turn,
-        };
+        }
     }
 }

@@ -24,6 +24,7 @@ impl<T: Real> CpuBody<T> {
             rigid.hold(b, held.into_iter());
             let body = &rigid.bodies[b];
             let free = body.freedom != Freedom::Fixed;
+            rigid.targets[b] = None;
             let share = T::ONE / T::of(body.mass / CARRIERS as f64);
             for i in body.nodes.clone() {
                 self.free[i] = if free { T::ONE } else { T::ZERO };
@@ -43,8 +44,9 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Moves rigid bodies along with those of their nodes that are held.
-    pub(super) fn follow_holds(&mut self) {
+    /// Moves rigid bodies along with those of their nodes that are held: at once, or `gradually` in
+    /// the next step, as far as nothing is in the way.
+    pub(super) fn follow_holds(&mut self, gradually: bool) {
         let Some(newton) = &mut self.newton else {
             return;
         };
@@ -76,7 +78,12 @@ impl<T: Real> CpuBody<T> {
             return;
         }
         for (b, held) in held.iter().enumerate().filter(|(_, held)| !held.is_empty()) {
-            rigid.follow(b, held);
+            let pose = rigid.follow(b, held);
+            if gradually && rigid.bodies[b].freedom == Freedom::Fixed {
+                rigid.targets[b] = Some(pose);
+                continue;
+            }
+            rigid.now[b] = pose;
             let momentum = rigid.momentum(b, &self.now.v);
             rigid.set_momentum(b, momentum, &mut self.now.v);
         }

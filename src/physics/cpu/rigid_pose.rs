@@ -34,6 +34,14 @@ impl Pose {
         turn: DQuat::IDENTITY,
     };
 
+    /// So much of the way to another.
+    pub fn toward(&self, other: &Pose, share: f64) -> Pose {
+        Pose {
+            shift: self.shift.lerp(other.shift, share),
+            turn: self.turn.slerp(other.turn, share),
+        }
+    }
+
     /// As numbers, to the bit.
     pub fn numbers(&self) -> [f64; 7] {
         let ([a, b, c], [x, y, z, w]) = (self.shift.to_array(), self.turn.to_array());

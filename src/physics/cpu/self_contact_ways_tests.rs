@@ -93,8 +93,13 @@ fn what_is_led_pushes_what_is_in_its_way() {
         (&block, turn, DVec3::new(0.01, 0.0, 0.05)),
     ]);
     let (count, h) = (block.nodes.len(), 0.02);
-    // A whole body that is led, too.
-    for (friction, above) in [(Some(0.2), 0.0799), (Some(0.2), 0.0), (None, 0.0799)] {
+    // A whole body that is led, too; and what is held, and put elsewhere before each step.
+    for (friction, above, held) in [
+        (Some(0.2), 0.0799, false),
+        (Some(0.2), 0.0, false),
+        (Some(0.2), 0.0799, true),
+        (None, 0.0799, false),
+    ] {
         let top: Vec<u32> = (count as u32..mesh.nodes.len() as u32)
             .filter(|v| mesh.nodes[*v as usize].z > above)
             .collect();
@@ -105,10 +110,19 @@ fn what_is_led_pushes_what_is_in_its_way() {
         for step in 0..10 {
             let led: Vec<Attachment> = top
                 .iter()
-                .map(|v| Attachment::Lead {
-                    node: *v,
-                    place: start[*v as usize] + f64::from(step) * h * velocity,
-                    velocity,
+                .map(|v| {
+                    let at = |step| start[*v as usize] + f64::from(step) * h * velocity;
+                    match held {
+                        true => Attachment::Hold {
+                            node: *v,
+                            place: at(step + 1),
+                        },
+                        false => Attachment::Lead {
+                            node: *v,
+                            place: at(step),
+                            velocity,
+                        },
+                    }
                 })
                 .collect();
             meeting.body.set_attachments(&led).unwrap();

@@ -27,6 +27,9 @@ const LEAST: f64 = 2e-5;
 /// The speed below which friction holds, in extents of the body a second.
 const HOLDS: f64 = 1e-4;
 
+/// The stiffness of what is behind the boundary where all of a body is rigid, Pa.
+const STIFF: f64 = 1e6;
+
 /// Young's modulus over μ, nearly: from 2 to 3.
 const YOUNG: f64 = 2.8;
 
@@ -230,7 +233,7 @@ impl<T: Real> CpuBody<T> {
                 (*sum, *count) = (*sum + young, *count + 1.0);
             }
         }
-        let mean = if volume > 0.0 { all / volume } else { 1.0 };
+        let mean = if volume > 0.0 { all / volume } else { STIFF };
         let pressure = self.units.force() / (self.units.length * self.units.length);
         let of_node = |v: &u32| match around[*v as usize] {
             (sum, count) if count > 0.0 => sum / count,
