@@ -205,7 +205,8 @@ pub trait Simulator: Send {
 
     /// The force on every node of the mesh where the body stands, N: of what it is made of, with
     /// damping, of terms and of loads, but not of what holds nodes still; so on nodes that are held
-    /// it is what the body exerts on that. Computed when asked for, after the steps asked for.
+    /// it is what the body exerts on that. Computed when asked for, after the steps asked for. NaN on
+    /// nodes of rigid regions, of which only the sum is known.
     ///
     /// # Errors
     /// [`Error::Input`] for bodies that only the GPU knows the forces on, grids, and meshes that a

@@ -35,6 +35,7 @@ mod annotated;
 mod attachment;
 mod bodies;
 mod cage;
+mod carried;
 mod checkpoint;
 mod cutter;
 mod drawing;
@@ -125,6 +126,9 @@ pub struct Scene {
     /// What presses on it.
     #[serde(default)]
     pub tool: Vec<ToolEntry>,
+    /// Those of them that are regions of the mesh: see [`Scene::with_carried_tools`].
+    #[serde(skip)]
+    pub(crate) carried: Vec<ToolEntry>,
     /// Contact of the body with itself.
     pub contact: Option<ContactEntry>,
     /// What cuts it.

@@ -54,8 +54,9 @@ impl Motion {
         mesh: TetMesh,
         shape: Option<GridShape>,
     ) -> Result<(Motion, Vec<String>)> {
-        let (setup, notes) = Setup::new(gpu, scene, kind, mesh, shape)?;
-        Ok((Motion::of_setup(scene, setup)?, notes))
+        let (scene, mesh) = scene.with_carried_tools(mesh)?;
+        let (setup, notes) = Setup::new(gpu, &scene, kind, mesh, shape)?;
+        Ok((Motion::of_setup(&scene, setup)?, notes))
     }
 
     /// A simulator that was set up for `scene`.

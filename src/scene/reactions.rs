@@ -175,6 +175,11 @@ impl Stage {
         let tools = motion.simulator.tool_forces()?;
         let names = motion.actors.tools.iter().map(|tool| tool.name.clone());
         all.extend(names.zip(tools));
+        if let Some((name, _)) = all.iter().find(|(_, on)| on.force.is_nan()) {
+            return Err(Error::Input(format!(
+                "\"{name}\" holds nodes of a rigid region, whose forces on single nodes are not known, and so no reaction; make the region stiff instead, hold it by a spring, or leave the reactions out"
+            )));
+        }
         match all.is_empty() {
             true => Err(Error::Input(
                 "nothing holds the body or presses on it, so it exerts no reactions: [[pin]], [[move]] or [[grab]] holds it, a [[tool]] presses"

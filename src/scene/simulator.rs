@@ -301,7 +301,7 @@ impl Scene {
             })?;
             if through > 0 {
                 notes.push(format!(
-                    "{through} faces of the boundary go through others where the body starts; what does pushes nothing until it is free ([contact])"
+                    "{through} faces of the boundary go through others where the body starts; they are drawn apart, a tenth of an edge a step ([contact])"
                 ));
             }
         }

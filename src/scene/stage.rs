@@ -9,7 +9,7 @@ use super::drawn_tool::DrawnTool;
 use super::picture::{DisplayMode, SIZE};
 use super::shown::{self, Shown};
 use super::skin::carrier;
-use super::{Motion, ScalarField, Scene};
+use super::{Motion, ScalarField, Scene, ToolEntry};
 use crate::gpu::Gpu;
 use crate::io::PvdSeries;
 use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
@@ -154,6 +154,12 @@ impl Stage {
         shape: Option<GridShape>,
     ) -> Result<Stage> {
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
+        let carried = scene.tool.iter().any(ToolEntry::is_carried) && solver.is_some();
+        let (held, mesh) = match carried {
+            true => scene.with_carried_tools(mesh)?,
+            false => (scene.clone(), mesh),
+        };
+        let scene = &held;
         let (drive, said) = match solver.transpose()? {
             None => (Drive::posed(gpu, mesh)?, Vec::new()),
             Some(kind) => {
@@ -223,13 +229,16 @@ impl Stage {
             let body = (stage.drive.mesh(), stage.drive.nodes().frame());
             stage.tools = DrawnTool::all(gpu, scene, body, motion)?;
         }
-        if !scene.skin.is_empty() {
+        if !(scene.skin.is_empty() && scene.carried.is_empty()) {
             let carrier = carrier(gpu, &mut stage.drive)?;
             for entry in &scene.skin {
                 let (mut skin, notes) = entry.put_on(gpu, &carrier)?;
                 skin.set_inside(stage.raycaster.inside())?;
                 stage.skins.push(skin);
                 stage.notes.extend(notes);
+            }
+            for entry in scene.carried.iter().filter(|tool| !tool.hidden) {
+                stage.skins.push(entry.carried_skin(gpu, &carrier)?);
             }
         }
         Ok(stage)

@@ -15,7 +15,7 @@ use std::sync::Arc;
 const AROUND: usize = 48;
 
 /// The colour of tools to which none was given.
-const GREY: [f32; 3] = [0.62, 0.66, 0.7];
+pub(super) const GREY: [f32; 3] = [0.62, 0.66, 0.7];
 
 /// A plane is drawn so many diagonals of the body wide.
 const PLANE: f64 = 2.0;
@@ -55,6 +55,11 @@ impl ToolEntry {
             .name
             .clone()
             .unwrap_or_else(|| format!("tool{}", number + 1));
+        if self.is_carried() {
+            return Err(Error::Input(format!(
+                "the [[tool]] {name} has a mass or a spring, which a tool of one body of tets can have that a scene moves; give it a path instead"
+            )));
+        }
         let way = Way::new(
             "tool",
             (self.path.as_deref(), self.file.as_deref()),
@@ -87,7 +92,7 @@ impl ToolEntry {
     }
 
     /// Where it is before it moves, and how it is turned.
-    fn stand(&self) -> Result<(DVec3, DQuat)> {
+    pub(super) fn stand(&self) -> Result<(DVec3, DQuat)> {
         let along = DVec3::from(self.along.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let at = DVec3::from(self.at);
         if along == DVec3::ZERO || !at.is_finite() {
@@ -99,7 +104,7 @@ impl ToolEntry {
         Ok((at, DQuat::from_rotation_arc(DVec3::Z, along)))
     }
 
-    fn shape(&self) -> Result<Shape> {
+    pub(super) fn shape(&self) -> Result<Shape> {
         let given = [
             self.sphere.map(|s| Shape::Sphere { radius: s.radius }),
             self.capsule.map(|c| Shape::Capsule {

@@ -13,6 +13,7 @@ mod physics;
 mod press;
 mod render;
 mod scene_bodies;
+mod scene_carried;
 mod scene_contact;
 mod scene_fields;
 mod scene_loads;

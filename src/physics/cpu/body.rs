@@ -16,6 +16,7 @@ use super::rules::Rule;
 use super::springs::Springs;
 use super::sum::Sources;
 use super::terms::{At, Term};
+use super::tethers::{Tether, Tethers};
 use super::tied::Tied;
 use super::vectors::{V4, of_metres, sub, to_metres, weight, zero};
 use crate::physics::{ConjugateGradients, Muscle, SolverKind, SpringNetwork, Units};
@@ -311,9 +312,9 @@ impl<T: Real> CpuBody<T> {
         self.attachments.extend_from_slice(attachments);
         let (place, rest, units) = (&self.place, &self.rest, &self.units);
         self.loads.set_draws(attachments, place, rest, units);
-        if let Some(newton) = &mut self.newton {
-            newton.rigid.set_draws(attachments, place, units);
-        }
+        let rigid = self.newton.as_ref().map(|newton| &newton.rigid);
+        let tethers = rigid.map(|rigid| rigid.tethers(attachments, (place, rest), units));
+        self.set_tethers(tethers.unwrap_or_default());
         if !same_nodes {
             self.free_nodes();
         }
@@ -356,6 +357,17 @@ impl<T: Real> CpuBody<T> {
             false => Start::Restart,
         });
         Ok(())
+    }
+
+    fn set_tethers(&mut self, tethers: Vec<Tether>) {
+        let known = self.terms.iter_mut().find_map(|t| t.tethers_mut());
+        if let Some(known) = known {
+            known.set(tethers, &self.plan);
+        } else if !tethers.is_empty() {
+            let mut term = Tethers::new(&self.plan);
+            term.set(tethers, &self.plan);
+            self.add_term(Box::new(term));
+        }
     }
 
     /// Which nodes stay, of the network.

@@ -79,6 +79,7 @@ mod sum;
 mod terms;
 #[cfg(test)]
 mod tests;
+mod tethers;
 mod tied;
 mod tools;
 #[cfg(test)]

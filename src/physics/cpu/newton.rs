@@ -153,7 +153,6 @@ impl<T: Real> Minimiser<T> {
         if outside.last == 0.0 {
             self.rigid.restart();
         }
-        self.rigid.draw();
         let rigid = &self.rigid;
         self.guesses.prepare(scene, outside, history, form, rigid);
         let mut stages = self.begin_contact(implicit, scene, terms, form);

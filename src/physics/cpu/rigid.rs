@@ -11,7 +11,6 @@
 
 use super::closest_rotation::closest_rotation;
 use super::real::Real;
-use super::rigid_loads::InnerDraw;
 use super::rigid_pose::{
     CARRIERS, CORNERS, Freedom, Pose, Rigid, inertia_of, narrow, outer, turned_by, wide,
 };
@@ -46,9 +45,6 @@ pub(super) struct RigidBodies {
     pub torques: Vec<DVec3>,
     /// Whether steps are those of that rule.
     pub midpoint: bool,
-    pub(super) draws: Vec<InnerDraw>,
-    /// The forces of these on the carriers.
-    pub(super) drawn: Vec<[DVec3; CARRIERS]>,
 }
 
 impl Default for RigidBodies {
@@ -86,8 +82,6 @@ impl RigidBodies {
             directions: vec![(DVec3::ZERO, DVec3::ZERO); bodies.len()],
             torques: vec![DVec3::ZERO; bodies.len()],
             midpoint: false,
-            draws: Vec::new(),
-            drawn: vec![[DVec3::ZERO; CARRIERS]; bodies.len()],
             bodies,
         }
     }

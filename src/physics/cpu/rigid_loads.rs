@@ -4,27 +4,20 @@ use super::loads::Attachment;
 use super::real::Real;
 use super::rigid::RigidBodies;
 use super::rigid_pose::{CARRIERS, CORNERS, Rigid, narrow, outer, wide};
+use super::tethers::Tether;
 use super::vectors::{V4, zero};
 use crate::physics::Units;
 use glam::{DMat3, DVec3};
 
-/// A spring to a target at a node inside a body: which body and node, the target, stiffness and
-/// limit, local units.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct InnerDraw {
-    body: usize,
-    node: usize,
-    target: DVec3,
-    stiffness: f64,
-    limit: f64,
-}
-
 impl RigidBodies {
-    /// Sets the springs to targets at nodes inside. `place` gives slots.
-    pub fn set_draws(&mut self, attachments: &[Attachment], place: &[u32], units: &Units) {
-        self.draws.clear();
-        self.drawn.fill([DVec3::ZERO; CARRIERS]);
-        for a in attachments {
+    /// The springs to targets at nodes inside. `place` gives slots, `rest` is in m.
+    pub fn tethers(
+        &self,
+        attachments: &[Attachment],
+        (place, rest): (&[u32], &[DVec3]),
+        units: &Units,
+    ) -> Vec<Tether> {
+        let springs = attachments.iter().filter_map(|a| {
             let Attachment::Pull {
                 node,
                 target,
@@ -32,39 +25,24 @@ impl RigidBodies {
                 limit,
             } = *a
             else {
-                continue;
+                return None;
             };
             let slot = place[node as usize] as usize;
-            if let Some(body) = self.of(slot)
-                && self.bodies[body].inner.contains(&slot)
-            {
-                self.draws.push(InnerDraw {
-                    body,
-                    node: slot,
-                    target: target / units.length,
-                    stiffness: stiffness / units.stiffness(),
-                    limit: limit / units.force(),
-                });
+            let body = &self.bodies[self.of(slot)?];
+            if !body.inner.contains(&slot) {
+                return None;
             }
-        }
-    }
-
-    /// Reckons what these pull with now.
-    pub fn draw(&mut self) {
-        if self.draws.is_empty() {
-            return;
-        }
-        self.drawn.fill([DVec3::ZERO; CARRIERS]);
-        for d in &self.draws {
-            let (body, pose) = (&self.bodies[d.body], &self.now[d.body]);
-            let r = self.arms[d.node - self.first];
-            let x = body.centre + pose.shift + pose.turn * r;
-            let pull = ((d.target - x) * d.stiffness).clamp_length_max(d.limit);
-            let shares = shares(body, pull, outer(pull, r));
-            for (f, share) in self.drawn[d.body].iter_mut().zip(shares) {
-                *f += share;
-            }
-        }
+            let arm = body.gather * self.arms[slot - self.first];
+            let first = body.carriers().start as u32;
+            Some(Tether {
+                nodes: [first, first + 1, first + 2, first + 3],
+                weights: CORNERS.map(|t| (1.0 + t.dot(arm)) / CARRIERS as f64),
+                to: (target - rest[node as usize]) / units.length,
+                stiffness: stiffness / units.stiffness(),
+                limit: limit / units.force(),
+            })
+        });
+        springs.collect()
     }
 
     /// Hands forces on the nodes inside, in the order of the network, to the carriers, which come
@@ -83,8 +61,7 @@ impl RigidBodies {
         }
     }
 
-    /// Hands the forces on the nodes of a body's surface, and those of springs inside, to its
-    /// carriers: `f` is that of a chunk that begins with node `start`.
+    /// Hands the forces on the nodes of a body's surface to its carriers: `f` is that of a chunk that begins with node `start`.
     pub fn load<T: Real>(&self, b: usize, start: usize, f: &mut [V4<T>]) {
         let body = &self.bodies[b];
         let (mut sum, mut moment) = (DVec3::ZERO, DMat3::ZERO);
@@ -98,9 +75,9 @@ impl RigidBodies {
             }
         }
         let shares = shares(body, sum, moment);
-        for ((i, share), drawn) in body.carriers().zip(shares).zip(self.drawn[b]) {
+        for (i, share) in body.carriers().zip(shares) {
             let own = wide(f[i - start]);
-            f[i - start] = narrow(own + share + drawn);
+            f[i - start] = narrow(own + share);
         }
     }
 }

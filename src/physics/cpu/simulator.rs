@@ -438,14 +438,14 @@ impl Simulator for CpuTets {
     }
 
     fn forces(&mut self) -> Result<Vec<DVec3>> {
-        if !self.network.elements.rigid.is_empty() {
-            return Err(Error::Input(
-                "the forces on single nodes of rigid regions are not known, and so no reactions; make these regions stiff instead, or leave the reactions out".into(),
-            ));
-        }
         send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
         self.finish()?;
-        Ok(self.worker.body().forces())
+        let mut forces = self.worker.body().forces();
+        let rigid = self.network.elements.rigid.iter();
+        for v in rigid.flat_map(|body| &body.nodes) {
+            forces[*v as usize] = DVec3::NAN;
+        }
+        Ok(forces)
     }
 
     fn velocities(&self) -> Result<Vec<DVec3>> {

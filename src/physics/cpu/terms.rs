@@ -4,6 +4,7 @@ use super::contact::Contact;
 use super::pool::Plan;
 use super::real::Real;
 use super::self_contact::Touching;
+use super::tethers::Tethers;
 use super::vectors::{Symmetric, V4};
 use glam::DMat3;
 use std::ops::Range;
@@ -98,6 +99,11 @@ pub trait Term<T: Real>: Send + Sync {
 
     /// As [`Term::touching`], to change it.
     fn touching_mut(&mut self) -> Option<&mut Touching<T>> {
+        None
+    }
+
+    /// The springs from rigid bodies to targets, of the term that they are, to change them.
+    fn tethers_mut(&mut self) -> Option<&mut Tethers<T>> {
         None
     }
 

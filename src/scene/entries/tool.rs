@@ -22,7 +22,8 @@ pub struct ContactEntry {
 }
 
 /// A tool: a rigid shape that presses on the body, which nothing of it passes through. It goes along
-/// a path, and is drawn with the body. A body of finite elements on the processor's engine, stepped
+/// a path, or is a rigid body that moves as forces have it (a sphere, a capsule or a box, with
+/// `[contact]`), and is drawn with the body. A body of finite elements on the processor's engine, stepped
 /// by `implicit` or `bdf2`.
 ///
 /// ```toml
@@ -40,6 +41,9 @@ pub struct ContactEntry {
 /// turn = [[0.0, 0], [0.5, 30]]    # time in s, and degrees …
 /// axis = [0.0, 1, 0]      # … about this axis through its middle
 /// friction = 0.3
+/// # spring = 500.0        # N/m: `path` is where a hand goes that holds it by this spring …
+/// # limit = 2.0           # … and lets it be pushed back by more than this force, N
+/// # mass = 0.05           # kg, of a tool on a spring; or without one of a free rigid body
 /// colour = [0.7, 0.75, 0.8]
 /// # opacity = 0.5
 /// # hidden = true         # it presses, and is not drawn
@@ -74,6 +78,13 @@ pub struct ToolEntry {
     pub axis: Option<[f64; 3]>,
     /// μ of Coulomb friction; 0 where nothing is said.
     pub friction: Option<f64>,
+    /// N/m: it is a rigid body, held at its middle by a spring to where its path goes.
+    pub spring: Option<f64>,
+    /// The largest force of that spring, N.
+    pub limit: Option<f64>,
+    /// kg: it is a rigid body, free or on a spring; that of as much water on a spring where nothing
+    /// is said.
+    pub mass: Option<f64>,
     /// The gap from which on it pushes, which it keeps nearly where it presses: a small part of its
     /// size and of the mesh's edges where nothing is said.
     pub gap: Option<f64>,

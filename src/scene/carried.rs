@@ -1,0 +1,363 @@
+//! Tools that are not led but carried: rigid bodies with mass, free or held by a spring. They are
+//! rigid regions of the body's mesh, which feel it by contact of the body with itself.
+
+use super::tool::look;
+use super::{ContactEntry, GrabEntry, LabelOrName, Scene, TissueEntry, TissueTable, ToolEntry};
+use crate::gpu::Gpu;
+use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::physics::Shape;
+use crate::skin::{Carrier, Mapping, Skin};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// Density of a tool on a spring to which no mass was given, kg/m³: that of water.
+const DENSITY: f64 = 1000.0;
+
+/// How often the faces of an icosahedron are quartered to make a ball.
+const QUARTERED: usize = 2;
+
+/// The size of the core by which a spring holds a tool, over the ball that fits into it.
+const CORE: f64 = 0.5;
+
+/// The surface of a convex shape about its middle, in its own frame.
+struct Convex {
+    vertices: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+    /// Radius of the largest ball about the middle that is within.
+    within: f64,
+}
+
+impl Convex {
+    fn of(shape: &Shape, name: &str) -> Result<Convex> {
+        match *shape {
+            Shape::Sphere { radius } => Ok(Convex::round(radius, 0.0)),
+            Shape::Capsule { radius, length } => Ok(Convex::round(radius, length)),
+            Shape::Box { half } => Ok(Convex::cuboid(half)),
+            Shape::Plane | Shape::Field(_) => Err(Error::Input(format!(
+                "the [[tool]] {name} has a mass or a spring, which spheres, capsules and boxes can have; give it a path, or mesh its surface (palpate mesh) and add it by [[mesh.join]] with a material that is rigid"
+            ))),
+        }
+    }
+
+    /// A ball that is drawn out by `length` along z.
+    fn round(radius: f64, length: f64) -> Convex {
+        let (mut vertices, mut triangles) = icosahedron();
+        for _ in 0..QUARTERED {
+            triangles = quartered(&mut vertices, &triangles);
+        }
+        for p in &mut vertices {
+            *p = radius * p.normalize();
+            p.z += 0.5 * length * p.z.signum();
+        }
+        Convex {
+            vertices,
+            triangles,
+            within: radius,
+        }
+    }
+
+    fn cuboid(half: DVec3) -> Convex {
+        let corner = |k: usize| half * DVec3::from([0, 1, 2].map(|a| [-1.0, 1.0][k >> a & 1]));
+        let sides = [
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+        ];
+        Convex {
+            vertices: (0..8).map(corner).collect(),
+            triangles: sides
+                .iter()
+                .flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]])
+                .collect(),
+            within: half.min_element(),
+        }
+    }
+
+    /// Nodes and tets that fill it: a core about the middle, by which it can be held, and a layer
+    /// around that.
+    fn filled(&self) -> (Vec<DVec3>, Vec<[u32; 4]>) {
+        let count = self.vertices.len() as u32;
+        let reach = self.vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
+        let shrunk = CORE * self.within / reach;
+        let mut nodes = self.vertices.clone();
+        nodes.extend(self.vertices.iter().map(|p| shrunk * *p));
+        nodes.push(DVec3::ZERO);
+        let mut tets = Vec::with_capacity(4 * self.triangles.len());
+        for triangle in &self.triangles {
+            // Sides of the layer are split alike from both sides where the lower number goes first.
+            let mut own = *triangle;
+            own.sort_unstable();
+            let [a, b, c] = own;
+            let [p, q, r] = own.map(|v| v + count);
+            tets.extend([[a, b, c, r], [a, b, q, r], [a, p, q, r]]);
+            tets.push([p, q, r, 2 * count]);
+        }
+        for tet in &mut tets {
+            let [a, b, c, d] = tet.map(|v| nodes[v as usize]);
+            if (b - a).cross(c - a).dot(d - a) < 0.0 {
+                tet.swap(2, 3);
+            }
+        }
+        (nodes, tets)
+    }
+}
+
+impl ToolEntry {
+    /// Whether it is carried, and not led.
+    pub(super) fn is_carried(&self) -> bool {
+        self.mass.is_some() || self.spring.is_some()
+    }
+
+    /// Its surface as a skin of the body that `carrier` is, of which it is a region.
+    pub(super) fn carried_skin(&self, gpu: &Gpu, carrier: &Carrier) -> Result<Skin> {
+        let (at, turn) = self.stand()?;
+        let mut surface = self.surface(0.0)?;
+        surface
+            .vertices
+            .iter_mut()
+            .for_each(|p| *p = at + turn * *p);
+        let mut skin = Skin::new(gpu, &surface, carrier, Mapping::default())?;
+        look(self, &mut skin)?;
+        Ok(skin)
+    }
+
+    fn check_carried(&self, name: &str) -> Result<()> {
+        let refuse = |why: &str| Err(Error::Input(format!("the [[tool]] {name} {why}")));
+        let positive = |x: Option<f64>| x.is_none_or(|x| x > 0.0 && x.is_finite());
+        if !(positive(self.mass) && positive(self.spring) && positive(self.limit)) {
+            return refuse(
+                "has a mass, a spring or a limit that is not positive; give kg, N/m and N",
+            );
+        }
+        if self.limit.is_some() && self.spring.is_none() {
+            return refuse("has a `limit` of force without a `spring`; give both");
+        }
+        if self.spring.is_none() && self.path.is_some() {
+            return refuse(
+                "has a mass and a `path`, and nothing that pulls it along: give a `spring`, or no `mass`",
+            );
+        }
+        if self.turn.is_some() || self.file.is_some() || self.gap.is_some() {
+            return refuse(
+                "has a mass or a spring, with which `turn`, `file` and `gap` do not go; leave them out ([contact] has a gap)",
+            );
+        }
+        Ok(())
+    }
+}
+
+impl Scene {
+    /// This scene of `mesh`, with tools that have a mass or a spring as rigid regions of the mesh,
+    /// grabs that hold them, and contact.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for such tools that make no sense.
+    pub fn with_carried_tools(&self, mut mesh: TetMesh) -> Result<(Scene, TetMesh)> {
+        let mut scene = self.clone();
+        for (number, entry) in scene.tool.iter_mut().enumerate() {
+            let name = || format!("tool{}", number + 1);
+            entry.name.get_or_insert_with(name);
+        }
+        let all = std::mem::take(&mut scene.tool);
+        let (carried, led): (Vec<_>, Vec<_>) = all.into_iter().partition(ToolEntry::is_carried);
+        scene.tool = led;
+        if carried.is_empty() {
+            return Ok((self.clone(), mesh));
+        }
+        if !self.body.is_empty() || self.grid.is_some() || self.cage.is_some() {
+            return Err(Error::Input(
+                "a [[tool]] with a mass or a spring presses on one body of tets, not on [[body]], [grid] or [cage]; give it a path instead".into(),
+            ));
+        }
+        if self.pin.is_empty() && self.moves.is_empty() && self.floor.is_none() && !self.stands() {
+            return Err(Error::Input(
+                "beside a [[tool]] with a mass or a spring it has to be said what holds the body: give a [[pin]], or a [[tool]] that is a plane".into(),
+            ));
+        }
+        let frictions = carried.iter().filter_map(|tool| tool.friction);
+        let friction = frictions.fold(None, |most: Option<f64>, mu| {
+            Some(most.map_or(mu, |m| m.max(mu)))
+        });
+        let contact = scene.contact.get_or_insert_with(ContactEntry::default);
+        contact.friction = contact.friction.or(friction);
+        let unit = self.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        let unit = unit.or(mesh.length_unit).unwrap_or(1.0);
+        for entry in &carried {
+            scene.carry(entry, &mut mesh, unit)?;
+        }
+        scene.carried = carried;
+        Ok((scene, mesh))
+    }
+
+    /// Adds a tool to `mesh`, and to the scene what holds it.
+    fn carry(&mut self, entry: &ToolEntry, mesh: &mut TetMesh, unit: f64) -> Result<()> {
+        let name = entry.name.clone().unwrap_or_default();
+        entry.check_carried(&name)?;
+        let convex = Convex::of(&entry.shape()?, &name)?;
+        let (at, turn) = entry.stand()?;
+        let (mut nodes, tets) = convex.filled();
+        nodes.iter_mut().for_each(|p| *p = at + turn * *p);
+        let volume = tets.iter().map(|tet| {
+            let [a, b, c, d] = tet.map(|v| nodes[v as usize]);
+            (b - a).cross(c - a).dot(d - a) / 6.0
+        });
+        let volume = volume.sum::<f64>() * unit.powi(3);
+        append(mesh, &name, &nodes, &tets)?;
+        let table = TissueTable {
+            regions: Some(vec![LabelOrName::Name(name.clone())]),
+            density: Some(entry.mass.map_or(DENSITY, |mass| mass / volume)),
+            rigid: true,
+            ..TissueTable::default()
+        };
+        let tissues = &mut self.material.tissues;
+        if tissues
+            .insert(name.clone(), TissueEntry::Table(table))
+            .is_some()
+        {
+            return Err(Error::Input(format!(
+                "the [[tool]] {name} has the name of a tissue of [material]; give it another"
+            )));
+        }
+        if let Some(spring) = entry.spring {
+            self.grab.push(GrabEntry {
+                name: Some(name.clone()),
+                at: at.to_array(),
+                radius: 1.01 * CORE * convex.within,
+                path: entry.path.clone().unwrap_or_else(|| vec![[0.0; 4]]),
+                release: None,
+                spring: Some(spring),
+                limit: entry.limit,
+            });
+        }
+        self.picture.hide.push(name);
+        Ok(())
+    }
+}
+
+/// Adds a piece to `mesh` as a region of that name. Fields have their first value there, so that
+/// their ranges stay.
+fn append(mesh: &mut TetMesh, name: &str, nodes: &[DVec3], tets: &[[u32; 4]]) -> Result<()> {
+    let known = mesh.named_region_field().map(|f| f.name.clone());
+    let field = known.clone().unwrap_or_else(|| "label".to_owned());
+    if known.is_none() {
+        let labels = Field {
+            name: field.clone(),
+            location: Location::Cell,
+            components: 1,
+            values: vec![1.0; mesh.tets.len()],
+            scalar_type: ScalarType::I32,
+        };
+        mesh.set_field(labels)?;
+        mesh.region_names.insert(1, "body".to_owned());
+    }
+    if mesh.region_names.values().any(|other| other == name) {
+        return Err(Error::Input(format!(
+            "the [[tool]] {name} has the name of a region of the mesh; give it another"
+        )));
+    }
+    let first = mesh.nodes.len() as u32;
+    let mut fields: Vec<Field> = mesh.fields.clone();
+    mesh.nodes.extend(nodes);
+    mesh.tets.extend(tets.iter().map(|t| t.map(|v| v + first)));
+    for own in &mut fields {
+        let more = match own.location {
+            Location::Node => nodes.len(),
+            Location::Cell => tets.len(),
+        };
+        let mut value: Vec<f64> = own.values.iter().take(own.components).copied().collect();
+        value.resize(own.components, 0.0);
+        if own.name == field && own.location == Location::Cell {
+            let most = own.values.iter().copied().fold(0.0, f64::max);
+            value = vec![most + 1.0];
+            mesh.region_names.insert(most as i64 + 1, name.to_owned());
+        }
+        let extra = std::iter::repeat_n(value, more).flatten();
+        own.values.extend(extra);
+        mesh.set_field(own.clone())?;
+    }
+    Ok(())
+}
+
+fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let golden = 0.5 * (1.0 + 5.0f64.sqrt());
+    let mut vertices = Vec::new();
+    for axis in 0..3 {
+        for (a, b) in [
+            (-1.0, -golden),
+            (1.0, -golden),
+            (-1.0, golden),
+            (1.0, golden),
+        ] {
+            let mut p = [0.0; 3];
+            p[axis] = a;
+            p[(axis + 1) % 3] = b;
+            vertices.push(DVec3::from(p).normalize());
+        }
+    }
+    // Its faces are the triples of vertices that are nearest to each other.
+    let edge = 1.06;
+    let near = |a: usize, b: usize| vertices[a].distance(vertices[b]) < edge;
+    let mut triangles = Vec::new();
+    for a in 0..12 {
+        for b in a + 1..12 {
+            for c in b + 1..12 {
+                if near(a, b) && near(b, c) && near(c, a) {
+                    let [p, q, r] = [a, b, c].map(|v: usize| vertices[v]);
+                    let outwards = (q - p).cross(r - p).dot(p) > 0.0;
+                    let [a, b, c] = [a, b, c].map(|v| v as u32);
+                    triangles.push(if outwards { [a, b, c] } else { [a, c, b] });
+                }
+            }
+        }
+    }
+    (vertices, triangles)
+}
+
+/// Each triangle as four, with new vertices in the middles of edges.
+fn quartered(vertices: &mut Vec<DVec3>, triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+    let mut middles = BTreeMap::new();
+    let mut middle = |a: u32, b: u32| {
+        *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+            let between = 0.5 * (vertices[a as usize] + vertices[b as usize]);
+            vertices.push(between.normalize());
+            vertices.len() as u32 - 1
+        })
+    };
+    let mut finer = Vec::with_capacity(4 * triangles.len());
+    for [a, b, c] in triangles.iter().copied() {
+        let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+        finer.extend([[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]);
+    }
+    finer
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_are_filled_without_gaps() {
+        let pi = std::f64::consts::PI;
+        for (convex, volume, tolerance) in [
+            (Convex::round(2.0, 0.0), 32.0 / 3.0 * pi, 0.06),
+            (Convex::round(1.0, 3.0), (4.0 / 3.0 + 3.0) * pi, 0.06),
+            (Convex::cuboid(DVec3::new(1.0, 2.0, 3.0)), 48.0, 1e-12),
+        ] {
+            let (nodes, tets) = convex.filled();
+            let mesh = TetMesh::new(nodes, tets, Vec::new(), Vec::new()).unwrap();
+            let topology = crate::mesh::Topology::new(&mesh);
+            assert_eq!(topology.boundary.len(), convex.triangles.len());
+            let filled: f64 = (0..mesh.tets.len()).map(|t| mesh.tet_volume(t)).sum();
+            assert!(
+                (filled / volume - 1.0).abs() < tolerance,
+                "{filled} {volume}"
+            );
+            assert!((0..mesh.tets.len()).all(|t| mesh.tet_volume(t) > 0.0));
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! Tools with a mass or on a spring, as scenes say them.
+
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::scene::{Scene, Stage};
+
+/// A box of 10 cm on a table.
+const BOX: &str = r#"
+[mesh]
+generate = "box"
+tets = 384
+[material]
+model = "neo-hookean"
+young = 2e4
+density = 1000
+[solver]
+name = "implicit"
+dt = 0.02
+gravity = [0, 0, -9.81]
+[[pin]]
+name = "table"
+z_below = 0.001
+[picture]
+size = [48, 36]
+"#;
+
+/// A finger that a hand of at most 3 N presses 4 cm deep, if that force could.
+const FINGER: &str = r#"
+[[tool]]
+name = "finger"
+sphere = { radius = 0.015 }
+at = [0.05, 0.05, 0.118]
+path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.04]]
+spring = 400
+limit = 3
+friction = 0.4
+"#;
+
+/// A weight of 200 g that falls onto it.
+const WEIGHT: &str = r#"
+[[tool]]
+name = "weight"
+box = { size = [0.02, 0.02, 0.02] }
+at = [0.02, 0.02, 0.114]
+along = [0.1, 0.05, 1]
+mass = 0.2
+friction = 0.4
+"#;
+
+fn stage(text: &str) -> Stage {
+    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
+}
+
+fn refused(text: &str) -> String {
+    let scene = Scene::parse(text).unwrap();
+    match Stage::new(&gpu(), &scene) {
+        Ok(_) => panic!("{text} was taken"),
+        Err(error) => error.to_string(),
+    }
+}
+
+/// Means of the places of the nodes of a region.
+fn middle(stage: &Stage, name: &str) -> DVec3 {
+    let mesh = stage.mesh();
+    let (label, _) = mesh
+        .region_names
+        .iter()
+        .find(|(_, own)| *own == name)
+        .unwrap();
+    let labels = &mesh
+        .fields
+        .iter()
+        .find(|f| f.name == "label")
+        .unwrap()
+        .values;
+    let own = mesh.tets.iter().zip(labels);
+    let own = own
+        .filter(|(_, l)| **l as i64 == *label)
+        .map(|(tet, _)| tet);
+    let mut nodes: Vec<u32> = own.flatten().copied().collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    let x = stage.motion().unwrap().positions().unwrap();
+    nodes.iter().map(|v| x[*v as usize]).sum::<DVec3>() / nodes.len() as f64
+}
+
+#[test]
+fn a_finger_presses_by_no_more_than_its_force_and_a_weight_lies_where_it_fell() {
+    let mut stage = stage(&format!("{BOX}{FINGER}{WEIGHT}"));
+    stage.run(100, &mut |_| {}).unwrap();
+    let force = |stage: &mut Stage, name: &str| {
+        let all = stage.reactions().unwrap();
+        let found = all.iter().find(|(own, _)| own == name);
+        found
+            .unwrap_or_else(|| panic!("no {name} in {all:?}"))
+            .1
+            .force
+    };
+    let pressed = force(&mut stage, "finger");
+    assert!((pressed.length() - 3.0).abs() < 1e-3, "{pressed}");
+    assert!(pressed.z > 2.9, "{pressed}");
+    let finger = middle(&stage, "finger");
+    assert!(finger.z < 0.114 && finger.z > 0.085, "{finger}");
+    // The table bears the body, 1 kg, both tools and the finger's force.
+    let table = force(&mut stage, "table");
+    let volume = 4.0 / 3.0 * std::f64::consts::PI * 0.015f64.powi(3);
+    let borne = 9.81 * (1.0 + 0.2 + 1000.0 * volume) + 3.0;
+    assert!((table.z / -borne - 1.0).abs() < 0.02, "{table} {borne}");
+    let weight = middle(&stage, "weight");
+    assert!(
+        weight.distance(DVec3::new(0.02, 0.02, 0.105)) < 0.01,
+        "{weight}"
+    );
+    stage.run(20, &mut |_| {}).unwrap();
+    assert!(middle(&stage, "weight").distance(weight) < 1e-3);
+}
+
+#[test]
+fn a_stiff_spring_on_a_light_tool_is_stable() {
+    // 2 g on 5 kN/m, 30 times as stiff as an explicit step could take.
+    let light = FINGER.replace("spring = 400", "spring = 5000\nmass = 0.002");
+    let light = light.replace("limit = 3\n", "");
+    let mut stage = stage(&format!("{BOX}{light}"));
+    stage.run(40, &mut |_| {}).unwrap();
+    let finger = middle(&stage, "finger");
+    // The spring gives by what it bears.
+    let target = DVec3::new(0.05, 0.05, 0.078);
+    assert!(
+        finger.distance(target) < 1e-2 && finger.z > target.z,
+        "{finger}"
+    );
+}
+
+#[test]
+fn tools_that_are_carried_are_drawn() {
+    let mut with = stage(&format!("{BOX}{WEIGHT}"));
+    let mut hidden = stage(&format!("{BOX}{WEIGHT}hidden = true\n"));
+    let [with, hidden] = [&mut with, &mut hidden].map(|stage| stage.image().unwrap().values);
+    assert_ne!(with, hidden);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_with_what_would() {
+    for (given, said) in [
+        (
+            "[[tool]]\nplane = {}\nat = [0, 0, 0.2]\nmass = 1\n",
+            "spheres, capsules and boxes",
+        ),
+        (
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = -1\n",
+            "not positive",
+        ),
+        (
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\npath = [[0.0, 0, 0, 0]]\n",
+            "give a `spring`",
+        ),
+        (
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\nlimit = 1\n",
+            "without a `spring`",
+        ),
+        (
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nspring = 1\nturn = [[0.0, 0]]\n",
+            "leave them out",
+        ),
+    ] {
+        let message = refused(&format!("{BOX}{given}"));
+        assert!(message.contains(said), "{message}");
+    }
+    let loose = BOX.replace("[[pin]]\nname = \"table\"\nz_below = 0.001\n", "");
+    assert!(refused(&format!("{loose}{WEIGHT}")).contains("[[pin]]"));
+    let gpu = BOX.replace("dt = 0.02", "dt = 0.02\nengine = \"gpu\"");
+    assert!(refused(&format!("{gpu}{WEIGHT}")).contains("cpu"));
+}
