@@ -49,7 +49,7 @@ pub struct MeshArguments {
     min_island: Option<f64>,
 
     /// Two regions that are parted where they meet, by name or label: each gets nodes of its own
-    /// there. A third that meets both stays with the first. Repeat it for several pairs
+    /// there. A seam ends where a third region holds the two together. Repeat it for several pairs
     #[arg(long, help_heading = "Regions", value_name = "FIRST:SECOND", value_parser = pair)]
     part: Vec<[String; 2]>,
 

@@ -4,6 +4,7 @@
 
 mod blade;
 mod boundary;
+mod crossing;
 mod cut;
 mod describe;
 mod distance;
@@ -11,6 +12,7 @@ mod field;
 mod frame;
 pub mod generate;
 mod grouped;
+mod hierarchy;
 mod merge;
 mod order;
 mod packed_normal;
@@ -29,6 +31,9 @@ mod tri_mesh;
 pub use blade::Blade;
 pub(crate) use boundary::Groups;
 pub use boundary::{BoundaryShape, components};
+#[cfg(test)]
+pub(crate) use crossing::crossing;
+pub(crate) use crossing::{Crossing, crossings};
 pub use cut::{TetCut, cut, remove};
 pub use describe::{Description, FieldDescription, RegionDescription};
 pub use distance::{DEPTH, depth_field, point_triangle_distance};
@@ -36,6 +41,7 @@ pub(crate) use distance::{Tree, nearest_weights};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub(crate) use grouped::grouped;
+pub(crate) use hierarchy::{Bounds, Hierarchy, around};
 pub use order::morton_order;
 pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};

@@ -1,9 +1,13 @@
 //! Regions that share nodes are welded: parting them.
 
-use super::{Field, Location, TetMesh, Topology};
+use super::{Field, Hierarchy, Location, TetMesh, Topology, crossings};
 use crate::{Error, Result};
 use glam::DVec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Nodes of a seam that go through what is beside it are taken half of their way back this often, and
+/// all of it then.
+const HALVED: usize = 4;
 
 impl TetMesh {
     /// The label of a region: a whole number, or the name it has in the mesh.
@@ -30,21 +34,19 @@ impl TetMesh {
         })
     }
 
-    /// Parts the regions with these labels, which were welded where they meet: every node that both
-    /// have is doubled, and the tets of `second` take the double, so that no node is left to both
-    /// and the faces between them become boundary on either side. Tets stay as they are, in their
+    /// Parts the regions with these labels, which were welded where they meet: nodes that both have are
+    /// doubled, and the tets of `second` take the double, so that the faces between them become
+    /// boundary on either side. Tets stay as they are, in their
     /// order; doubles come last, where the nodes are that they come from, with their values.
     ///
-    /// A region that meets both at a node stays with `first` there: along the rim of the contact it
-    /// is parted from `second` too, by the faces around those nodes, and held to it by all others.
-    /// Part two neighbours in the other order for the opposite. Nodes that are shared where the two
-    /// meet in an edge or a point alone are doubled as well.
+    /// A node around which other regions hold the two together, from one of their faces to the next, is
+    /// left to both: there the seam ends.
     ///
     /// Returns each double with the node it comes from.
     ///
     /// # Errors
     /// [`Error::Input`] where the mesh has no field that says its regions, for a region parted from
-    /// itself, and for two that share no node.
+    /// itself, and for two that share no node at which nothing else holds them together.
     pub fn part(&mut self, first: i64, second: i64) -> Result<Vec<[u32; 2]>> {
         let labels = self.field("label", Location::Cell);
         let Some(labels) = labels.or_else(|| self.region_field()) else {
@@ -60,9 +62,13 @@ impl TetMesh {
                 shared[*v as usize] |= side;
             }
         }
+        let held = self.held_together(&shared, |t| {
+            u8::from(is(t, first)) + 2 * u8::from(is(t, second))
+        });
         let mut double = vec![u32::MAX; self.nodes.len()];
         let mut made = Vec::new();
-        for v in (0..self.nodes.len()).filter(|v| shared[*v] == 3) {
+        let parts = |v: &usize| shared[*v] == 3 && !held.contains(&(*v as u32));
+        for v in (0..self.nodes.len()).filter(parts) {
             double[v] = (self.nodes.len() + made.len()) as u32;
             made.push([double[v], v as u32]);
         }
@@ -72,7 +78,7 @@ impl TetMesh {
                 None => format!("{label}"),
             };
             return Err(Error::Input(format!(
-                "regions {} and {} share no nodes to be parted at; name two that touch each other",
+                "regions {} and {} share no nodes to be parted at; name two that touch each other in faces",
                 name(first),
                 name(second)
             )));
@@ -105,9 +111,47 @@ impl TetMesh {
         Ok(made)
     }
 
+    /// Nodes of both sides of a seam, which are those that are 3 in `shared`, around which the tets of
+    /// one `side` (1 or 2, or neither) hang together with those of the other, though not by faces
+    /// between the two.
+    fn held_together(&self, shared: &[u8], side: impl Fn(usize) -> u8) -> BTreeSet<u32> {
+        let mut around: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for (t, tet) in self.tets.iter().enumerate() {
+            for v in tet.iter().filter(|v| shared[**v as usize] == 3) {
+                around.entry(*v).or_default().push(t);
+            }
+        }
+        let mut held = BTreeSet::new();
+        for (v, tets) in around {
+            let share_face = |a: usize, b: usize| {
+                let common = self.tets[a].iter().filter(|v| self.tets[b].contains(v));
+                common.count() == 3
+            };
+            let mut reached: Vec<bool> = tets.iter().map(|t| side(*t) == 1).collect();
+            let mut front: Vec<usize> = (0..tets.len()).filter(|k| reached[*k]).collect();
+            while let Some(k) = front.pop() {
+                for n in 0..tets.len() {
+                    let seam = side(tets[k]) + side(tets[n]) == 3
+                        && side(tets[k]) != 0
+                        && side(tets[n]) != 0;
+                    if !reached[n] && !seam && share_face(tets[k], tets[n]) {
+                        reached[n] = true;
+                        front.push(n);
+                    }
+                }
+            }
+            if tets.iter().zip(&reached).any(|(t, r)| *r && side(*t) == 2) {
+                held.insert(v);
+            }
+        }
+        held
+    }
+
     /// Draws the two sides of a seam apart by `gap`: `doubles`, as [`TetMesh::part`] returned them, and
     /// the nodes they come from, half each, along the normals of the seam. So each side has somewhere
-    /// to be where the two press on each other.
+    /// to be where the two press on each other. Where they would go through what is beside
+    /// the seam they are drawn apart by less; doubles that cannot be are joined again, and the numbers
+    /// of others change.
     ///
     /// # Errors
     /// [`Error::Input`] for a gap that makes no sense, or so wide that it would turn tets inside out.
@@ -120,29 +164,97 @@ impl TetMesh {
         if !(gap.is_finite() && gap >= 0.0) {
             return wrong("give a length, 0 or more");
         }
+        if gap == 0.0 {
+            return Ok(());
+        }
         let double: BTreeMap<u32, u32> = doubles.iter().map(|[v, from]| (*v, *from)).collect();
         let mut normals: BTreeMap<u32, DVec3> = BTreeMap::new();
         let topology = Topology::new(self);
-        for face in &topology.boundary {
-            let nodes = topology.boundary_nodes(self, *face);
-            if nodes.iter().all(|v| double.contains_key(v)) {
+        let sorted = |mut nodes: [u32; 3]| {
+            nodes.sort_unstable();
+            nodes
+        };
+        let faces = topology.boundary.iter();
+        let faces: Vec<[u32; 3]> = faces.map(|f| topology.boundary_nodes(self, *f)).collect();
+        let known: BTreeSet<[u32; 3]> = faces.iter().map(|nodes| sorted(*nodes)).collect();
+        for nodes in faces.iter().copied() {
+            // What it lay on before: at the rim the two have nodes in common.
+            let other = nodes.map(|v| double.get(&v).copied().unwrap_or(v));
+            if other != nodes && known.contains(&sorted(other)) {
                 let [a, b, c] = nodes.map(|v| self.nodes[v as usize]);
-                for v in nodes {
+                for v in nodes.into_iter().filter(|v| double.contains_key(v)) {
                     *normals.entry(v).or_default() += (b - a).cross(c - a);
                 }
             }
         }
-        let before = self.nodes.clone();
+        let mut ways: BTreeMap<u32, DVec3> = BTreeMap::new();
         for (v, normal) in normals {
             let by = 0.5 * gap * normal.normalize_or_zero();
-            self.nodes[v as usize] -= by;
-            self.nodes[double[&v] as usize] += by;
+            *ways.entry(v).or_default() -= by;
+            *ways.entry(double[&v]).or_default() += by;
         }
-        match (0..self.tets.len()).all(|t| self.tet_volume(t) > 0.0) {
-            true => Ok(()),
-            false => {
-                self.nodes = before;
-                wrong("tets beside it would be turned inside out; give less, or finer tets")
+        let before = self.nodes.clone();
+        for (v, by) in &ways {
+            self.nodes[*v as usize] += *by;
+        }
+        if !(0..self.tets.len()).all(|t| self.tet_volume(t) > 0.0) {
+            self.nodes = before;
+            return wrong("tets beside it would be turned inside out; give less, or finer tets");
+        }
+        self.take_back(&before, ways, &faces);
+        self.join_again(doubles, 1e-3 * gap);
+        Ok(())
+    }
+
+    /// Has doubles that are still nearer than `gap` to where they come from be one with that again.
+    fn join_again(&mut self, doubles: &[[u32; 2]], gap: f64) {
+        let near = |[v, from]: &&[u32; 2]| {
+            let apart = self.nodes[*v as usize].distance(self.nodes[*from as usize]);
+            apart <= gap
+        };
+        let joined: BTreeMap<u32, u32> =
+            doubles.iter().filter(near).map(|[v, w]| (*v, *w)).collect();
+        if joined.is_empty() {
+            return;
+        }
+        for v in self.tets.iter_mut().flatten() {
+            *v = joined.get(v).copied().unwrap_or(*v);
+        }
+        let known = self.repairs.unused_nodes;
+        self.drop_unused_nodes();
+        self.repairs.unused_nodes = known;
+    }
+
+    /// Takes nodes that went `ways` back, half of what is left at a time, until no edge goes through a
+    /// face of the boundary any more for them.
+    fn take_back(&mut self, before: &[DVec3], mut ways: BTreeMap<u32, DVec3>, faces: &[[u32; 3]]) {
+        let mut edges: Vec<[u32; 2]> = faces
+            .iter()
+            .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]])
+            .map(|[a, b]| [*a.min(b), *a.max(b)])
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        let middle = |k: usize| faces[k].iter().map(|v| before[*v as usize]).sum::<DVec3>() / 3.0;
+        let mut tree = Hierarchy::new(faces.len(), middle);
+        for round in 0..2 * HALVED {
+            let (nodes, edge) = (&self.nodes, |k: usize| edges[k]);
+            let at = |v: u32| nodes[v as usize];
+            let found = crossings((edges.len(), edge), |k| faces[k], &mut tree, at);
+            let mut back = BTreeSet::new();
+            for crossing in found {
+                back.extend(edges[crossing.edge]);
+                back.extend(faces[crossing.face]);
+            }
+            back.retain(|v| ways.get(v).is_some_and(|way| *way != DVec3::ZERO));
+            if back.is_empty() {
+                break;
+            }
+            for v in back {
+                let part = if round < HALVED { 0.5 } else { 0.0 };
+                let way = ways.entry(v).or_default();
+                *way *= part;
+                self.nodes[v as usize] = before[v as usize] + *way;
             }
         }
     }
@@ -201,23 +313,24 @@ mod tests {
         let topology = Topology::new(&before);
         let mut mesh = before.clone();
         let made = mesh.part(1, 2).unwrap();
-        // The nodes between them: 3 rows of 3, those of the row where region 3 meets both among them.
-        assert_eq!(made.len(), 9);
-        assert!(nodes_of(&mesh, 1.0).is_disjoint(&nodes_of(&mesh, 2.0)));
-        // Region 3 stays with the first there, and with the second at all others: 6 of 9.
+        // The nodes between them: 2 rows of 3, without those of the row where region 3 holds both.
+        assert_eq!(made.len(), 6);
+        let left = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
+        assert_eq!(left(1.0, 2.0), 3);
+        // Region 3 stays with both.
         let both = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
-        assert_eq!((both(1.0, 3.0), both(2.0, 3.0)), (9, 6));
+        assert_eq!((both(1.0, 3.0), both(2.0, 3.0)), (9, 9));
         for (a, b) in mesh.tets.iter().zip(&before.tets) {
             assert_eq!(
                 a.map(|v| mesh.nodes[v as usize]),
                 b.map(|v| before.nodes[v as usize])
             );
         }
-        assert_eq!(mesh.nodes.len(), before.nodes.len() + 9);
+        assert_eq!(mesh.nodes.len(), before.nodes.len() + 6);
         let place = mesh.field("place", Location::Node).unwrap();
         let same = |(p, xy): (&DVec3, &[f64])| [p.x, p.y] == xy;
         assert!(mesh.nodes.iter().zip(place.values.chunks(2)).all(same));
-        // The faces between them are boundary on either side, and one ring of those with region 3.
+        // The faces between them are boundary on either side, and no others.
         let after = Topology::new(&mesh);
         let more = after.boundary.len() - topology.boundary.len();
         let of = |t: u32| before.field("label", Location::Cell).unwrap().values[t as usize];
@@ -239,7 +352,7 @@ mod tests {
             }
         }
         assert_eq!(between, 8);
-        assert!(rim > 0 && rim <= 4, "{rim}");
+        assert_eq!(rim, 0);
         assert_eq!(more, 2 * (between + rim));
         // No face is shared by more than two, and no tet turned over.
         assert_eq!(crate::mesh::topology::crowded_faces(&mesh.tets), 0);
@@ -264,7 +377,16 @@ mod tests {
                 label.values[t] = 6.0;
             }
         }
-        // 6 lies beyond x < 2 and y > 2, 2 at x > 2 and y < 2: an edge of three nodes.
+        // 6 lies beyond x < 2 and y > 2, 2 at x > 2 and y < 2: an edge, and others all around it.
+        assert!(mesh.part(6, 2).is_err());
+        let label = mesh.field("label", Location::Cell).unwrap().values.clone();
+        let own = |t: &usize| [2.0, 6.0].contains(&label[*t]);
+        let kept: Vec<usize> = (0..mesh.tets.len()).filter(own).collect();
+        let tets = kept.iter().map(|t| mesh.tets[*t]).collect();
+        let label = kept.iter().map(|t| label[*t]).collect();
+        let label = Field::scalar("label", Location::Cell, label);
+        let mut mesh = TetMesh::new(mesh.nodes, tets, Vec::new(), vec![label]).unwrap();
+        // Without them, three nodes.
         assert_eq!(mesh.part(6, 2).unwrap().len(), 3);
         assert!(nodes_of(&mesh, 6.0).is_disjoint(&nodes_of(&mesh, 2.0)));
     }

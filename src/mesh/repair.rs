@@ -135,7 +135,7 @@ impl TetMesh {
         })
     }
 
-    fn drop_unused_nodes(&mut self) {
+    pub(super) fn drop_unused_nodes(&mut self) {
         let mut used = vec![false; self.nodes.len()];
         for &v in self.tets.iter().flatten() {
             used[v as usize] = true;

@@ -66,6 +66,8 @@ mod verlet;
 pub use acting::{Acting, LevelId, Muscle};
 pub use bodies::{Bodies, BodiesState, Member, MemberReport};
 pub use body::Body;
+#[cfg(test)]
+pub(crate) use contact::scattered;
 pub use contact::{DistanceField, Overlap, SelfContact, Shape, Tool, ToolId, ToolPose, Touch};
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
 pub use element_volume::VolumeModel;

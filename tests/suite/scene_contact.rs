@@ -147,3 +147,31 @@ fn what_knows_no_contact_is_refused_in_words() {
     assert!(told("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
     assert!(told("", "offset", "offfset").contains("offfset"));
 }
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn no_cartilage_of_a_knee_passes_through() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/knee_contact.toml");
+    let mut stage = Stage::new(&gpu(), &Scene::read(file).unwrap()).unwrap();
+    let tibia = |stage: &Stage| {
+        let x = stage.motion().unwrap().positions().unwrap();
+        let mesh = stage.mesh();
+        let label = mesh.region_label("tibia bone").unwrap() as f64;
+        let labels = &mesh
+            .fields
+            .iter()
+            .find(|f| f.name == "label")
+            .unwrap()
+            .values;
+        let own = mesh.tets.iter().zip(labels).find(|(_, l)| **l == label);
+        x[own.unwrap().0[0] as usize]
+    };
+    let start = tibia(&stage);
+    for _ in 0..7 {
+        assert_eq!(pierced(&stage), 0);
+        stage.run(5, &mut |_| {}).unwrap();
+    }
+    assert_eq!(pierced(&stage), 0);
+    // In mm: it did bend.
+    assert!(tibia(&stage).distance(start) > 5.0);
+}

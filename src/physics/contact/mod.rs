@@ -5,7 +5,6 @@
 
 mod barrier;
 mod field;
-mod hierarchy;
 mod own;
 mod pair;
 mod shape;
@@ -13,11 +12,10 @@ mod tool;
 
 pub(super) use barrier::{Barrier, Slip};
 pub use field::DistanceField;
-pub(super) use hierarchy::{Bounds, Hierarchy, around};
 pub use own::SelfContact;
 #[cfg(test)]
-pub(super) use pair::pierces;
-pub(super) use pair::{Features, KEPT, crossing};
+pub(crate) use pair::scattered;
+pub(super) use pair::{Features, KEPT};
 pub use shape::{Shape, Touch};
 pub(super) use tool::check_pose;
 pub use tool::{Overlap, Tool, ToolId, ToolPose};

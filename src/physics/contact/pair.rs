@@ -145,33 +145,9 @@ fn nearest_of_edges([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
     }
 }
 
-/// Whether an edge goes through a face; one that touches it only does not.
-#[cfg(test)]
-pub(in crate::physics) fn pierces(edge: [DVec3; 2], face: [DVec3; 3]) -> bool {
-    crossing(edge, face).is_some()
-}
-
-/// Where an edge goes through a face, by weights of that one's corners, and which end of the edge
-/// is behind it.
-pub(in crate::physics) fn crossing(
-    [p, q]: [DVec3; 2],
-    [a, b, c]: [DVec3; 3],
-) -> Option<([f64; 3], usize)> {
-    let side = |x: DVec3| (b - a).cross(c - a).dot(x - a);
-    let sides = [side(p), side(q)];
-    if sides[0] * sides[1] >= 0.0 {
-        return None;
-    }
-    let turn = |u: DVec3, v: DVec3| (u - p).cross(v - p).dot(q - p);
-    let turns = [turn(b, c), turn(c, a), turn(a, b)];
-    let all: f64 = turns.iter().sum();
-    let within = turns.iter().all(|t| *t > 0.0) || turns.iter().all(|t| *t < 0.0);
-    within.then(|| (turns.map(|t| t / all), usize::from(sides[1] < 0.0)))
-}
-
 /// Points in a cube from −1 to 1, by a linear congruential generator.
 #[cfg(test)]
-pub(super) fn scattered(count: usize, seed: u64) -> Vec<DVec3> {
+pub(crate) fn scattered(count: usize, seed: u64) -> Vec<DVec3> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let mut next = || {
         state = state
@@ -292,24 +268,5 @@ mod tests {
             }
         }
         assert!(some > 50);
-    }
-
-    #[test]
-    fn edges_go_through_faces_or_not() {
-        let face = [DVec3::ZERO, DVec3::X, DVec3::Y];
-        let at = |x: f64, y: f64, z: [f64; 2]| z.map(|z| DVec3::new(x, y, z));
-        assert!(pierces(at(0.2, 0.2, [-1.0, 1.0]), face));
-        assert!(pierces(at(0.2, 0.2, [1.0, -1.0]), face));
-        assert!(!pierces(at(0.8, 0.8, [-1.0, 1.0]), face));
-        assert!(!pierces(at(0.2, 0.2, [0.1, 1.0]), face));
-        let (weights, behind) = crossing(at(0.2, 0.3, [1.0, -1.0]), face).unwrap();
-        let expected = [0.5, 0.2, 0.3];
-        assert!(
-            weights
-                .iter()
-                .zip(expected)
-                .all(|(w, e)| (w - e).abs() < 1e-12)
-        );
-        assert_eq!(behind, 1);
     }
 }

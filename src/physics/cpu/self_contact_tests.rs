@@ -8,9 +8,9 @@ use super::real::Real;
 use super::terms::{At, Share, Term};
 use super::tests::some;
 use super::vectors::{V4, of_metres, to_metres};
+use crate::mesh::crossing;
 use crate::mesh::generate::{Split, ball, box_mesh};
 use crate::mesh::{TetMesh, Topology};
-use crate::physics::contact::pierces;
 use crate::physics::{
     ConjugateGradients, Material, MaterialModel, SelfContact, Shape, SolverKind, SpringNetwork,
     Tool, ToolPose,
@@ -105,7 +105,7 @@ impl<T: Real> Meeting<T> {
                 low.cmple(*to).all()
                     && from.cmple(high).all()
                     && edge.iter().all(|v| !face.contains(v))
-                    && pierces(edge.map(|v| x[v as usize]), face.map(|v| x[v as usize]))
+                    && crossing(edge.map(|v| x[v as usize]), face.map(|v| x[v as usize])).is_some()
             })
         };
         edges.iter().filter(through).count()

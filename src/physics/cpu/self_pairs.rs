@@ -6,8 +6,9 @@ use super::pool::Plan;
 use super::real::Real;
 use super::rigid::RigidBodies;
 use super::vectors::V4;
+use crate::mesh::{Bounds, Hierarchy, around, crossings};
 use crate::parallel;
-use crate::physics::contact::{Bounds, Features, Hierarchy, around, crossing};
+use crate::physics::contact::Features;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -59,7 +60,8 @@ pub(super) struct Surface {
     margin: f64,
     /// Where all nodes are when a step begins.
     begun: Vec<DVec3>,
-    /// Nodes of features that go through each other: they are in no pair until they are free.
+    /// Nodes of features that go through each other: they are in no pair with each other until they
+    /// are free.
     tangled: Vec<bool>,
 }
 
@@ -159,37 +161,26 @@ impl Surface {
 
     /// Edges that go through faces at `u`.
     pub fn crossings<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Crossing> {
-        let at = |v: u32| self.hull.place(v as usize, u);
-        let boxed = |nodes: &[u32]| {
-            let boxes = nodes.iter().map(|v| [at(*v); 2]);
-            boxes.reduce(around).unwrap_or_default()
-        };
-        let (faces, edges) = (&self.hull.faces, &self.edges);
-        self.faces_tree.refit(|k| boxed(&faces[k].0));
-        let tree = &self.faces_tree;
-        parallel::collect(edges.len(), |range, found| {
-            for k in range {
-                let (edge, weight) = &edges[k];
-                tree.visit(&boxed(edge), |f| {
-                    let face = &faces[f as usize].0;
-                    if edge.iter().any(|v| face.contains(v)) {
-                        return;
-                    }
-                    let places = face.map(at);
-                    if let Some((weights, behind)) = crossing(edge.map(at), places) {
-                        let ([u, v, w], [a, b, c], [x, y, z]) = (weights, *face, places);
-                        found.push(Crossing {
-                            nodes: [edge[behind], a, b, c],
-                            other: edge[1 - behind],
-                            face: f,
-                            weights: [1.0, -u, -v, -w],
-                            normal: (y - x).cross(z - x).normalize_or_zero(),
-                            weight: *weight,
-                        });
-                    }
-                });
+        let (hull, edges, tree) = (&self.hull, &self.edges, &mut self.faces_tree);
+        let at = |v: u32| hull.place(v as usize, u);
+        let (edge, face) = (|k: usize| edges[k].0, |k: usize| hull.faces[k].0);
+        let found = crossings((edges.len(), edge), face, tree, at).into_iter();
+        let of = |found: crate::mesh::Crossing| {
+            let ([first, second], weight) = edges[found.edge];
+            let ends = [first, second];
+            let [a, b, c] = hull.faces[found.face].0;
+            let [x, y, z] = [a, b, c].map(at);
+            let [u, v, w] = found.weights;
+            Crossing {
+                nodes: [ends[found.behind], a, b, c],
+                other: ends[1 - found.behind],
+                face: found.face as u32,
+                weights: [1.0, -u, -v, -w],
+                normal: (y - x).cross(z - x).normalize_or_zero(),
+                weight,
             }
-        })
+        };
+        found.map(of).collect()
     }
 
     /// Chooses the pairs that may come nearer than `gap` while nodes stay within `margin` of their
@@ -232,7 +223,12 @@ impl Surface {
             let held = own.iter().all(|v| free[*v as usize] == T::ZERO);
             let bodies = own.map(|v| rigid.of(v as usize));
             let one = bodies[0].is_some() && bodies.iter().all(|b| *b == bodies[0]);
-            if held || one || own.iter().any(|v| self.tangled[*v as usize]) {
+            let ends = match features {
+                Features::VertexFace => own.split_at(1),
+                Features::EdgeEdge => own.split_at(2),
+            };
+            let through = |nodes: &[u32]| nodes.iter().any(|v| self.tangled[*v as usize]);
+            if held || one || (through(ends.0) && through(ends.1)) {
                 return None;
             }
             let rest = own.map(|v| self.hull.rest[v as usize]);

@@ -55,7 +55,7 @@ pub struct MeshSource {
     /// Pieces of regions of less volume are given to what surrounds them.
     pub min_island: Option<f64>,
     /// Pairs of regions that are parted where they meet, by name or label: each gets nodes of its
-    /// own there. A third region that meets both stays with the first.
+    /// own there. A seam ends where a third region holds the two together.
     #[serde(default)]
     pub part: Vec<[LabelOrName; 2]>,
     /// How far the two sides of each such seam are drawn apart, in the mesh's unit: with `[contact]`

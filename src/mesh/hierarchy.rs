@@ -1,17 +1,17 @@
 //! A hierarchy of boxes over parts of a boundary, made once and refitted as these move.
 
-use crate::mesh::order_of;
+use super::order_of;
 use glam::DVec3;
 
 /// Low and high corners.
-pub(in crate::physics) type Bounds = [DVec3; 2];
+pub(crate) type Bounds = [DVec3; 2];
 
 /// Parts in a leaf.
 const LEAF: usize = 4;
 
 /// A complete binary tree over parts in the order of a Morton curve.
 #[derive(Clone, Debug)]
-pub(in crate::physics) struct Hierarchy {
+pub(crate) struct Hierarchy {
     /// The parts, in order.
     order: Vec<u32>,
     /// Boxes: the root is the first, the children of k are 2k + 1 and 2k + 2.
@@ -26,12 +26,12 @@ pub(in crate::physics) struct Hierarchy {
 const EMPTY: Bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
 
 /// The smallest box around two.
-pub(in crate::physics) fn around([a, b]: Bounds, [c, d]: Bounds) -> Bounds {
+pub(crate) fn around([a, b]: Bounds, [c, d]: Bounds) -> Bounds {
     [a.min(c), b.max(d)]
 }
 
 /// Whether two boxes have a point in common.
-pub(in crate::physics) fn meet([a, b]: &Bounds, [c, d]: &Bounds) -> bool {
+pub(crate) fn meet([a, b]: &Bounds, [c, d]: &Bounds) -> bool {
     a.cmple(*d).all() && c.cmple(*b).all()
 }
 
@@ -88,7 +88,7 @@ impl Hierarchy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::contact::pair::scattered;
+    use crate::physics::scattered;
 
     #[test]
     fn it_finds_the_boxes_that_meet_and_no_others() {

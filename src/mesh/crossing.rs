@@ -1,0 +1,94 @@
+//! Edges that go through faces.
+
+use super::hierarchy::{Hierarchy, around};
+use crate::parallel;
+use glam::DVec3;
+
+/// An edge that goes through a face, by their numbers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Crossing {
+    pub edge: usize,
+    pub face: usize,
+    /// Where it does, by weights of the face's corners.
+    pub weights: [f64; 3],
+    /// Which end of the edge is behind the face.
+    pub behind: usize,
+}
+
+/// Where an edge goes through a face, by weights of that one's corners, and which end of the edge
+/// is behind it. One that touches it only does not.
+pub(crate) fn crossing([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3]) -> Option<([f64; 3], usize)> {
+    let side = |x: DVec3| (b - a).cross(c - a).dot(x - a);
+    let sides = [side(p), side(q)];
+    if sides[0] * sides[1] >= 0.0 {
+        return None;
+    }
+    let turn = |u: DVec3, v: DVec3| (u - p).cross(v - p).dot(q - p);
+    let turns = [turn(b, c), turn(c, a), turn(a, b)];
+    let all: f64 = turns.iter().sum();
+    let within = turns.iter().all(|t| *t > 0.0) || turns.iter().all(|t| *t < 0.0);
+    within.then(|| (turns.map(|t| t / all), usize::from(sides[1] < 0.0)))
+}
+
+/// All edges that go through faces with which they share no node, nodes being `at` their places.
+/// `tree` is one over the faces, and is refitted.
+pub(crate) fn crossings(
+    (count, edge): (usize, impl Fn(usize) -> [u32; 2] + Sync),
+    face: impl Fn(usize) -> [u32; 3] + Sync,
+    tree: &mut Hierarchy,
+    at: impl Fn(u32) -> DVec3 + Sync,
+) -> Vec<Crossing> {
+    let boxed = |nodes: &[u32]| {
+        let boxes = nodes.iter().map(|v| [at(*v); 2]);
+        boxes.reduce(around).unwrap_or_default()
+    };
+    tree.refit(|k| boxed(&face(k)));
+    let tree = &*tree;
+    parallel::collect(count, |range, found| {
+        for k in range {
+            let own = edge(k);
+            tree.visit(&boxed(&own), |f| {
+                let nodes = face(f as usize);
+                if own.iter().any(|v| nodes.contains(v)) {
+                    return;
+                }
+                let through = crossing(own.map(&at), nodes.map(&at));
+                found.extend(through.map(|(weights, behind)| Crossing {
+                    edge: k,
+                    face: f as usize,
+                    weights,
+                    behind,
+                }));
+            });
+        }
+    })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn goes(edge: [DVec3; 2], face: [DVec3; 3]) -> bool {
+        crossing(edge, face).is_some()
+    }
+
+    #[test]
+    fn edges_go_through_faces_or_not() {
+        let face = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let at = |x: f64, y: f64, z: [f64; 2]| z.map(|z| DVec3::new(x, y, z));
+        assert!(goes(at(0.2, 0.2, [-1.0, 1.0]), face));
+        assert!(goes(at(0.2, 0.2, [1.0, -1.0]), face));
+        assert!(!goes(at(0.8, 0.8, [-1.0, 1.0]), face));
+        assert!(!goes(at(0.2, 0.2, [0.1, 1.0]), face));
+        let (weights, behind) = crossing(at(0.2, 0.3, [1.0, -1.0]), face).unwrap();
+        let expected = [0.5, 0.2, 0.3];
+        assert!(
+            weights
+                .iter()
+                .zip(expected)
+                .all(|(w, e)| (w - e).abs() < 1e-12)
+        );
+        assert_eq!(behind, 1);
+    }
+}
