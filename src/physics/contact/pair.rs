@@ -146,6 +146,7 @@ fn nearest_of_edges([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
 }
 
 /// Whether an edge goes through a face; one that touches it only does not.
+#[cfg(test)]
 pub(in crate::physics) fn pierces(edge: [DVec3; 2], face: [DVec3; 3]) -> bool {
     crossing(edge, face).is_some()
 }
