@@ -189,6 +189,10 @@ impl Simulator for Carried {
         self.inner.touched()
     }
 
+    fn has_state(&self) -> bool {
+        self.inner.has_state()
+    }
+
     fn state(&self) -> Result<SimulatorState> {
         self.inner.state()
     }

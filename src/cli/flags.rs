@@ -162,7 +162,8 @@ pub struct SceneFlags {
     /// of second order at large steps; default: the mesh stays at rest
     #[arg(long, help_heading = "Physics")]
     pub solver: Option<String>,
-    /// What computes the steps: gpu, cpu, or auto, which takes a GPU where there is one
+    /// What computes the steps: gpu, cpu, rapier (in builds that have it), or auto, which takes a
+    /// GPU where there is one
     #[arg(long, value_name = "ENGINE", help_heading = "Physics")]
     pub engine: Option<EngineChoice>,
     /// Step size in seconds [default: 0.01 implicit, or longer where nothing pulls the body but the

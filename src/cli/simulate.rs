@@ -9,7 +9,7 @@ use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
 use palpate::render::{Camera, Film};
-use palpate::scene::{Checkpoint, ReactionLog, Run, Stage};
+use palpate::scene::{Checkpoint, Motion, ReactionLog, Run, Stage};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `simulate`.
@@ -93,13 +93,21 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
             arguments.input.display()
         );
     }
+    let resumable = stage.motion().is_some_and(Motion::has_state);
+    if !resumable && arguments.resume {
+        anyhow::bail!(
+            "what rapier keeps from step to step cannot be written, so its runs cannot be gone on with; leave --resume out, or take --engine cpu"
+        );
+    }
     arguments.film.frame(&mut stage, &[])?;
     let mut times = Vec::new();
     if let Some(checkpoint) = checkpoint {
         take_up(&mut stage, &kept, &checkpoint, gpu)?;
         times = checkpoint.times().to_vec();
     } else {
-        stage.keep_checkpoints();
+        if resumable {
+            stage.keep_checkpoints();
+        }
         // One of another run would be taken for this one's.
         match std::fs::remove_file(&kept) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
@@ -153,7 +161,9 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                 }
                 moved?;
                 times.push(stage.time());
-                stage.checkpoint(&times)?.write(&kept)?;
+                if resumable {
+                    stage.checkpoint(&times)?.write(&kept)?;
+                }
                 bar.set_position(u64::from(frame));
             }
             Ok(())

@@ -385,7 +385,8 @@ mod tests {
         let tets = kept.iter().map(|t| mesh.tets[*t]).collect();
         let label = kept.iter().map(|t| label[*t]).collect();
         let label = Field::scalar("label", Location::Cell, label);
-        let mut mesh = TetMesh::new(mesh.nodes, tets, Vec::new(), vec![label]).unwrap();
+        let mut mesh = TetMesh::new(mesh.nodes, tets, Vec::new(), Vec::new()).unwrap();
+        mesh.set_field(label).unwrap();
         // Without them, three nodes.
         assert_eq!(mesh.part(6, 2).unwrap().len(), 3);
         assert!(nodes_of(&mesh, 6.0).is_disjoint(&nodes_of(&mesh, 2.0)));

@@ -19,6 +19,9 @@ pub enum Engine {
     Gpu,
     /// Threads of the processor.
     Cpu,
+    /// The soft bodies of rapier, a physics library, on a thread of the processor: with the
+    /// feature `rapier`.
+    Rapier,
 }
 
 impl fmt::Display for Engine {
@@ -26,6 +29,7 @@ impl fmt::Display for Engine {
         f.write_str(match self {
             Engine::Gpu => "gpu",
             Engine::Cpu => "cpu",
+            Engine::Rapier => "rapier",
         })
     }
 }
@@ -59,8 +63,9 @@ impl FromStr for EngineChoice {
             "auto" => Ok(EngineChoice::Auto),
             "gpu" => Ok(EngineChoice::This(Engine::Gpu)),
             "cpu" => Ok(EngineChoice::This(Engine::Cpu)),
+            "rapier" => Ok(EngineChoice::This(Engine::Rapier)),
             _ => Err(Error::Input(format!(
-                "there is no engine \"{name}\"; there are auto, gpu and cpu"
+                "there is no engine \"{name}\"; there are auto, gpu, cpu and rapier"
             ))),
         }
     }
@@ -99,6 +104,11 @@ impl EngineChoice {
         Ok(match self.engine(gpu) {
             Engine::Gpu => Box::new(GpuGrid::new(gpu, GridBody::new(gpu, model)?, mesh)?),
             Engine::Cpu => Box::new(CpuGrid::new(gpu, model, mesh, Precision::Single)?),
+            Engine::Rapier => {
+                return Err(Error::Input(
+                    "rapier steps bodies of tets and no grids; leave [grid] out, or take --engine cpu or gpu".into(),
+                ));
+            }
         })
     }
 
@@ -114,6 +124,9 @@ impl EngineChoice {
         material: &Material,
         (kind, settings): (SolverKind, ConjugateGradients),
     ) -> Result<Box<dyn Simulator>> {
+        if self == EngineChoice::This(Engine::Rapier) {
+            return rapier(gpu, (mesh, network), (kind, settings));
+        }
         // What only one engine has is taken from there, unless the other was asked for.
         let elements = &network.elements;
         let of_cpu =
@@ -135,4 +148,26 @@ impl EngineChoice {
         };
         Ok(Box::new(GpuTets::of_body(mesh, body, solver)?))
     }
+}
+
+/// A body stepped by rapier.
+#[cfg(feature = "rapier")]
+fn rapier(
+    gpu: &Gpu,
+    body: (TetMesh, SpringNetwork),
+    how: (SolverKind, ConjugateGradients),
+) -> Result<Box<dyn Simulator>> {
+    Ok(Box::new(super::RapierTets::new(gpu, body, how)?))
+}
+
+/// The error of a build that has no rapier.
+#[cfg(not(feature = "rapier"))]
+fn rapier(
+    _: &Gpu,
+    _: (TetMesh, SpringNetwork),
+    _: (SolverKind, ConjugateGradients),
+) -> Result<Box<dyn Simulator>> {
+    Err(Error::Input(
+        "this build of palpate has no engine rapier; build it with `--features rapier`, or take --engine cpu or gpu".into(),
+    ))
 }

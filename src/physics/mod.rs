@@ -42,6 +42,8 @@ mod moves;
 mod network;
 mod nodes;
 pub mod plain;
+#[cfg(feature = "rapier")]
+mod rapier;
 mod reactions;
 mod report;
 mod rigid;
@@ -87,6 +89,8 @@ pub use loads::{LedId, Loads};
 pub use material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 pub use network::{Spring, SpringNetwork};
 pub use nodes::Nodes;
+#[cfg(feature = "rapier")]
+pub use rapier::RapierTets;
 pub use reactions::{Forces, Held, Reaction};
 pub use report::{Energy, Report};
 pub use rigid::RigidBody;

@@ -337,11 +337,16 @@ pub trait Simulator: Send {
     /// shape.
     fn touched(&self) -> u64;
 
+    /// Whether [`Simulator::state`] and [`Simulator::pose`] can be had of it.
+    fn has_state(&self) -> bool {
+        true
+    }
+
     /// All that its next steps depend on, read back after the steps of [`Simulator::finish`]; of
     /// its shape only what is needed to tell it from another.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// What reading back gives; [`Error::Input`] where [`Simulator::has_state`] is not so.
     fn state(&self) -> Result<SimulatorState>;
 
     /// Puts it into a state that [`Simulator::state`] gave of it, or of one made and cut in the

@@ -165,7 +165,7 @@ pub struct SolverEntry {
     /// also `bdf2` and `midpoint`.
     #[serde(default, deserialize_with = "words::solver")]
     pub name: Option<String>,
-    /// What computes the steps: `auto`, `gpu` or `cpu`.
+    /// What computes the steps: `auto`, `gpu`, `cpu`, or `rapier` in builds that have it.
     #[serde(default, deserialize_with = "words::engine")]
     pub engine: Option<EngineChoice>,
     /// Step size in seconds.

@@ -155,6 +155,11 @@ impl Motion {
         network.map_or(0, |n| n.elements.rigid.len())
     }
 
+    /// Whether runs of it can be gone on with from checkpoints.
+    pub fn has_state(&self) -> bool {
+        self.simulator.has_state()
+    }
+
     /// What computes its steps.
     pub fn engine(&self) -> Engine {
         self.simulator.engine()

@@ -245,12 +245,16 @@ impl Scene {
     ) -> Result<Box<dyn Simulator>> {
         let mut engine = self.solver.engine.unwrap_or_default();
         if let Some(entry) = self.of_cpu() {
-            if engine == EngineChoice::This(Engine::Gpu) {
-                return Err(Error::Input(format!(
-                    "{entry} acts on the processor's engine only: --engine cpu, or leave it to auto"
-                )));
-            }
-            engine = EngineChoice::This(Engine::Cpu);
+            engine = match engine {
+                EngineChoice::This(Engine::Gpu) => {
+                    return Err(Error::Input(format!(
+                        "{entry} acts on the processor's engine only: --engine cpu, or leave it to auto"
+                    )));
+                }
+                // It has some of them, and refuses the others itself.
+                EngineChoice::This(Engine::Rapier) => engine,
+                _ => EngineChoice::This(Engine::Cpu),
+            };
         }
         let how = (kind, self.conjugate_gradients());
         engine.tets_of(gpu, (mesh, network), material, how)

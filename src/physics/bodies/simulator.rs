@@ -17,13 +17,15 @@ impl Simulator for Bodies {
         self.members[0].simulator.integrator()
     }
 
-    /// The GPU, where any of them is there.
+    /// The GPU, where any of them is there; else that of all, or the processor.
     fn engine(&self) -> Engine {
-        let on_gpu = |m: &Member| m.simulator.engine() == Engine::Gpu;
-        match self.members.iter().any(on_gpu) {
-            true => Engine::Gpu,
-            false => Engine::Cpu,
-        }
+        let mut engines = self.members.iter().map(|m| m.simulator.engine());
+        let first = engines.next().unwrap_or(Engine::Cpu);
+        engines.fold(first, |all, one| match (all, one) {
+            (Engine::Gpu, _) | (_, Engine::Gpu) => Engine::Gpu,
+            (all, one) if all == one => all,
+            _ => Engine::Cpu,
+        })
     }
 
     fn mesh(&self) -> &TetMesh {
@@ -262,6 +264,10 @@ impl Simulator for Bodies {
     fn touched(&self) -> u64 {
         let each = self.members.iter().map(|m| m.simulator.touched());
         each.fold(self.loads.version(), u64::wrapping_add)
+    }
+
+    fn has_state(&self) -> bool {
+        self.members.iter().all(|m| m.simulator.has_state())
     }
 
     fn state(&self) -> Result<SimulatorState> {

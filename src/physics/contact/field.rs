@@ -27,6 +27,8 @@ pub struct DistanceField {
     unit: f64,
     size: f64,
     radius: f64,
+    /// What it is the distance of, as that was given.
+    surface: std::sync::Arc<TriMesh>,
 }
 
 impl DistanceField {
@@ -55,6 +57,7 @@ impl DistanceField {
             unit: 1.0,
             size: -deepest,
             radius: far.fold(0.0, f64::max),
+            surface: std::sync::Arc::new(surface.clone()),
             values: std::sync::Arc::new(values),
         })
     }
@@ -70,12 +73,19 @@ impl DistanceField {
             unit: by * self.unit,
             size: by * self.size,
             radius: by * self.radius,
+            surface: self.surface.clone(),
         }
     }
 
     /// Between two points of the grid.
     pub fn spacing(&self) -> f64 {
         self.spacing
+    }
+
+    /// The vertices and triangles of the surface that it is the distance of.
+    pub fn surface(&self) -> (impl Iterator<Item = DVec3>, &[[u32; 3]]) {
+        let vertices = self.surface.vertices.iter();
+        (vertices.map(|p| self.unit * *p), &self.surface.triangles)
     }
 
     /// How deep inside a point can be.

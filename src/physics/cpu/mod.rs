@@ -87,6 +87,19 @@ mod tools_tests;
 mod vectors;
 mod worker;
 
+#[cfg(feature = "rapier")]
+pub(super) use guard::Failure;
+#[cfg(feature = "rapier")]
+pub(super) use loads::{Attachment, check_attachments};
+#[cfg(feature = "rapier")]
+pub(super) use sending::send_loads;
+#[cfg(feature = "rapier")]
+pub(super) use stepped::{LoadChange, Stepped};
+#[cfg(feature = "rapier")]
+pub(super) use tools::{Guided, faces_through};
+#[cfg(feature = "rapier")]
+pub(super) use worker::{Errand, Refusal, Worker};
+
 pub use grid::{CpuGrid, CpuGridState};
 pub use simulator::{CpuState, CpuTets};
 pub use stepped::Precision;

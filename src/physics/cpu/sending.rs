@@ -10,7 +10,7 @@ use crate::physics::{Grip, Held, Loads, ToolPose};
 use glam::DVec3;
 
 /// Sends the loads that have changed since those of the versions in `sent`.
-pub(super) fn send_loads<B: Stepped + ?Sized>(
+pub(in crate::physics) fn send_loads<B: Stepped + ?Sized>(
     loads: &Loads,
     sent: &mut Option<LoadVersions>,
     worker: &mut Worker<B>,

@@ -30,7 +30,7 @@ pub enum Precision {
 
 /// The loads that have changed.
 #[derive(Debug, Default)]
-pub(super) struct LoadChange {
+pub(in crate::physics) struct LoadChange {
     pub gravity: DVec3,
     pub pinned: Option<Vec<bool>>,
     pub forces: Option<Vec<DVec3>>,
@@ -40,7 +40,7 @@ pub(super) struct LoadChange {
 }
 
 /// What a worker steps.
-pub(super) trait Stepped: Send + 'static {
+pub(in crate::physics) trait Stepped: Send + 'static {
     /// Whether its steps are long and take iterations, each to be told of.
     fn iterates(&self) -> bool;
 

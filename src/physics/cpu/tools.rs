@@ -7,6 +7,8 @@ use super::newton_contact::{clear, contact, contact_mut, touching};
 use super::real::Real;
 use super::self_contact::Touching;
 use super::terms::At;
+#[cfg(feature = "rapier")]
+use crate::physics::ConjugateGradients;
 use crate::physics::contact::check_pose;
 use crate::physics::{SelfContact, SolverKind, SpringNetwork, Tool, ToolPose};
 use crate::{Error, Result};
@@ -35,7 +37,7 @@ const YOUNG: f64 = 2.8;
 
 /// Where a tool is to be, in metres from the frame's origin, and how often it was put elsewhere
 /// without going there.
-pub(super) type Guided = (ToolPose, u64);
+pub(in crate::physics) type Guided = (ToolPose, u64);
 
 /// Refuses contact with `what` of bodies that cannot be stepped with it.
 ///
@@ -53,6 +55,22 @@ pub(super) fn check_contact(what: &str, network: &SpringNetwork, kind: SolverKin
             "{kind} knows no contact with {what}: take implicit or bdf2"
         ))),
     }
+}
+
+/// How many of the boundary `faces` of `network` go through others where its nodes stand at `x` (m).
+///
+/// # Errors
+/// [`Error::Input`] for positions that are not those of its nodes.
+#[cfg(feature = "rapier")]
+pub(in crate::physics) fn faces_through(
+    network: &SpringNetwork,
+    faces: &[[u32; 3]],
+    x: &[DVec3],
+) -> Result<usize> {
+    let settings = ConjugateGradients::default();
+    let mut body = CpuBody::<f32>::new(network, SolverKind::Implicit, settings, None)?;
+    body.set_state(x, &vec![DVec3::ZERO; x.len()])?;
+    Ok(body.set_self_contact(&SelfContact::default(), faces, network))
 }
 
 impl<T: Real> CpuBody<T> {

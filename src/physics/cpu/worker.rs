@@ -21,7 +21,7 @@ const HISTORY: usize = 1024;
 
 /// What a body is asked to do, in turn.
 #[derive(Debug)]
-pub(super) enum Errand {
+pub(in crate::physics) enum Errand {
     /// So many steps of so many seconds.
     Steps(u32, f64),
     /// To take over loads.
@@ -48,7 +48,7 @@ struct Queue {
 /// Steps of one length since a time: their sum is not rounded step by step, so that it is the same
 /// however they were shared out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Span {
+pub(in crate::physics) struct Span {
     since: f64,
     steps: u64,
     dt: f64,
@@ -88,7 +88,7 @@ struct Shared<B: Stepped + ?Sized> {
 }
 
 /// A body and its thread.
-pub(super) struct Worker<B: Stepped + ?Sized> {
+pub(in crate::physics) struct Worker<B: Stepped + ?Sized> {
     shared: Arc<Shared<B>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -215,7 +215,7 @@ impl<B: Stepped + ?Sized> Drop for Worker<B> {
 }
 
 /// Why a step was refused.
-pub(super) enum Refusal {
+pub(in crate::physics) enum Refusal {
     /// The simulation failed, at a step of that many seconds.
     Failed(Failure, f64, Progress),
     /// What was asked for makes no sense.

@@ -1,6 +1,7 @@
 //! The motions of a trial by the engine there is: run, timed, read back.
 
-use super::trial::{STOPS, Setting};
+use super::setting::Setting;
+use super::trial::STOPS;
 use crate::physics::{ConjugateGradients, Simulator};
 use crate::study::truth::State;
 use crate::{Error, FailureCause, Result};

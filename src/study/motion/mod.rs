@@ -6,14 +6,16 @@ mod model;
 mod orders;
 mod picture;
 mod scenes;
+mod setting;
 mod trial;
 
 use super::{Cell, Row, Run};
 use crate::Result;
 use crate::physics::{ConjugateGradients, SolverKind};
 use crate::study::truth::fitted_order;
+use setting::Setting;
 use std::path::Path;
-use trial::{STOPS, Setting, Trial};
+use trial::{STOPS, Trial};
 
 /// The columns of `motion.csv` that tell a point from the others.
 const SETTINGS: [&str; 7] = [
@@ -213,12 +215,26 @@ fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
             (false, _) => &[],
         };
         for steps in steps.into_iter().filter(|n| STOPS * n <= MOST_STEPS) {
-            let setting = |cg| Setting { kind, steps, cg };
+            let setting = |cg| Setting {
+                kind,
+                steps,
+                cg,
+                rapier: false,
+            };
             match solves {
                 [] => settings.push(setting(None)),
                 solves => settings.extend(solves.iter().map(|cg| setting(Some(*cg)))),
             }
         }
+    }
+    if trial.has_rapier() {
+        let steps = (0..if quick { 4 } else { 8 }).map(|k| 2 << k);
+        settings.extend(steps.map(|steps| Setting {
+            kind: SolverKind::Implicit,
+            steps,
+            cg: Some(SOLVES[0]),
+            rapier: true,
+        }));
     }
     settings
 }
@@ -238,7 +254,7 @@ fn cells(trial: &Trial, setting: Setting) -> Vec<Cell> {
         trial.name.as_str().into(),
         trial.stiffness.into(),
         trial.unit.into(),
-        setting.kind.name().into(),
+        setting.name().into(),
         trial.h(setting.steps).into(),
         tolerance,
         iterations,

@@ -2,6 +2,7 @@
 
 use super::by_default;
 use super::device::ACCURATE;
+use super::setting::RAPIER;
 use super::trial::Trial;
 use crate::Result;
 use crate::physics::SolverKind;
@@ -43,20 +44,22 @@ fn seen(series: &Series) -> bool {
 
 /// Error against milliseconds of a simulated second. Returns the chart's name.
 pub fn against_time(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
-    let of = |kind: SolverKind, default: bool| -> Vec<[f64; 2]> {
+    let of = |name: &str, default: bool| -> Vec<[f64; 2]> {
         let rows = rows.iter();
-        rows.filter(|r| r.text("solver") == kind.name() && by_default(r) == default)
+        rows.filter(|r| r.text("solver") == name && by_default(r) == default)
             .map(place)
             .collect()
     };
     let mut series = Vec::new();
     for kind in trial.kinds() {
-        series.push(Series::new(kind.name(), Look::LineMarks, of(kind, true)));
+        let name = kind.name();
+        series.push(Series::new(name, Look::LineMarks, of(name, true)));
     }
+    series.push(Series::new(RAPIER, Look::LineMarks, of(RAPIER, true)));
     series.push(Series::new(
         "implicit, other CG stops",
         Look::Marks,
-        of(SolverKind::Implicit, false),
+        of(SolverKind::Implicit.name(), false),
     ));
     let all: Vec<[f64; 2]> = rows.iter().map(place).collect();
     series.push(Series::new("Pareto front", Look::Rings, pareto(&all)));
@@ -182,7 +185,9 @@ pub fn totals(rows: &[Row]) -> String {
         let mut kinds = SolverKind::OF_ELEMENTS.iter();
         kinds.any(|k| k.name() == r.text("solver"))
     };
-    let explicit = |r: &Row| !implicit(r) && !second_order(r) && !grid(r) && !euler(r);
+    let rapier = |r: &Row| r.text("solver") == RAPIER;
+    let explicit =
+        |r: &Row| !implicit(r) && !second_order(r) && !grid(r) && !euler(r) && !rapier(r);
     let of_grid = match rows.iter().any(grid) {
         true => format!(" {:.0e} to one of a grid body,", worst("f32_error", &grid)),
         false => String::new(),

@@ -1,8 +1,9 @@
 //! A body that moves, by the engine there is and in float64, and the motion it ought to make.
 
 use super::device::{ACCURATE, on_engine};
+use super::setting::{Setting, by_rapier, same_loads};
 use crate::gpu::Gpu;
-use crate::mesh::signed_volume;
+use crate::mesh::{TetMesh, signed_volume};
 use crate::physics::{
     ConjugateGradients, CpuTets, Engine, Material, Precision, Simulator, SolverKind, SpringNetwork,
     largest_stable_step,
@@ -28,17 +29,6 @@ const AS_FAR_AS_F32: ConjugateGradients = ConjugateGradients {
     max_iterations: 2000,
     acceptable: 1e6,
 };
-
-/// How a motion is made.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setting {
-    /// Which solver.
-    pub kind: SolverKind,
-    /// Steps in each of the spans.
-    pub steps: u32,
-    /// Where conjugate gradients stop: the residual, and the iterations.
-    pub cg: Option<(f64, u32)>,
-}
 
 /// What became of it; errors are relative to the true motion.
 #[derive(Clone, Copy, Debug)]
@@ -84,6 +74,8 @@ pub struct Trial {
     simulator: Box<dyn Simulator>,
     /// The same body in float64.
     double: Box<dyn Simulator>,
+    /// The same body by rapier, in builds that have it and of matter that it can have.
+    rapier: Option<Box<dyn Simulator>>,
     /// Where it starts, and where it rests.
     start: State,
     rest: State,
@@ -111,9 +103,10 @@ impl Trial {
             return Err(Error::Input(format!("{name}: the body has no springs")));
         };
         let (kind, settings) = converged(simulator.integrator());
-        let own: (_, SpringNetwork) = (simulator.mesh().clone(), network.clone());
+        let own: (TetMesh, SpringNetwork) = (simulator.mesh().clone(), network.clone());
         // The material counts where a body is cut.
         let material = Material::young(1.0);
+        let mut rapier = by_rapier(gpu, &own, &material);
         let mut double = CpuTets::of_network(
             gpu,
             (own.0, own.1),
@@ -121,13 +114,16 @@ impl Trial {
             (kind, settings),
             Precision::Double,
         )?;
-        let (from, to) = (simulator.loads(), double.loads_mut());
-        let pinned = (0u32..).zip(from.pinned()).filter(|(_, pinned)| **pinned);
-        to.pin_nodes(&pinned.map(|(i, _)| i).collect::<Vec<_>>())?;
-        to.set_forces(from.forces())?;
-        to.set_gravity(from.gravity());
+        let loads = simulator.loads();
+        same_loads(loads, double.loads_mut())?;
+        if let Some(rapier) = &mut rapier {
+            same_loads(loads, rapier.loads_mut())?;
+        }
         let both = [simulator, Box::new(double)];
-        Ok(Trial::new(name, stiffness, duration, both, start))
+        Ok(Trial {
+            rapier,
+            ..Trial::new(name, stiffness, duration, both, start)
+        })
     }
 
     /// The motion of a body from `start`, or from rest: that of an engine, and the same in
@@ -147,6 +143,7 @@ impl Trial {
             duration,
             simulator,
             double,
+            rapier: None,
             start: start.unwrap_or_else(|| rest.clone()),
             rest,
             exact: None,
@@ -183,6 +180,11 @@ impl Trial {
             }
             None => vec![SolverKind::Verlet],
         }
+    }
+
+    /// Whether rapier can move it too.
+    pub fn has_rapier(&self) -> bool {
+        self.rapier.is_some()
     }
 
     /// The fewest steps between two stops, a power of two, at which `kind` is stable; 1 where
@@ -262,7 +264,11 @@ impl Trial {
     /// What the device refuses.
     pub fn measure(&mut self, setting: Setting) -> Result<Found> {
         let h = self.h(setting.steps);
-        let outcome = on_engine(self.simulator.as_mut(), &self.start, setting, h)?;
+        let simulator = match (&mut self.rapier, setting.rapier) {
+            (Some(rapier), true) => rapier.as_mut(),
+            _ => self.simulator.as_mut(),
+        };
+        let outcome = on_engine(simulator, &self.start, setting, h)?;
         let mut found = Found {
             state: outcome.state,
             error: f64::NAN,
@@ -281,23 +287,10 @@ impl Trial {
         found.ms = outcome.ms / self.duration;
         let truth = self.truth()?.states.clone();
         let scale = way(&self.rest, &truth);
-        let apart = |a: &[State], b: &[State]| distance(a, b) / scale;
-        found.error = apart(&outcome.states, &truth);
+        found.error = distance(&outcome.states, &truth) / scale;
         found.largest = self.farthest(&outcome.states, &truth);
-        let (kind, steps) = (setting.kind, setting.steps);
-        let double = self.solved(DOUBLE, converged(kind), steps)?;
-        let single = match kind.is_implicit() {
-            true => self.solved(SINGLE, (kind, AS_FAR_AS_F32), steps)?,
-            false => Some(outcome.states.clone()),
-        };
-        if let Some(double) = &double {
-            found.time = apart(double, &truth);
-        }
-        if let Some(single) = &single {
-            found.solver = apart(&outcome.states, single);
-        }
-        if let (Some(double), Some(single)) = (&double, &single) {
-            found.single = apart(single, double);
+        if !setting.rapier {
+            self.tell_apart(setting, &outcome.states, scale, &mut found)?;
         }
         (found.energy, found.volume) = self.drifts(&outcome.states, &truth)?;
         // More than a twentieth of the way off is another motion.
@@ -305,6 +298,34 @@ impl Trial {
             found.state = "inaccurate";
         }
         Ok(found)
+    }
+
+    /// Tells the errors of a motion of ours apart, of those of the way `scale`.
+    fn tell_apart(
+        &mut self,
+        setting: Setting,
+        states: &[State],
+        scale: f64,
+        found: &mut Found,
+    ) -> Result<()> {
+        let truth = self.truth()?.states.clone();
+        let apart = |a: &[State], b: &[State]| distance(a, b) / scale;
+        let (kind, steps) = (setting.kind, setting.steps);
+        let double = self.solved(DOUBLE, converged(kind), steps)?;
+        let single = match kind.is_implicit() {
+            true => self.solved(SINGLE, (kind, AS_FAR_AS_F32), steps)?,
+            false => Some(states.to_vec()),
+        };
+        if let Some(double) = &double {
+            found.time = apart(double, &truth);
+        }
+        if let Some(single) = &single {
+            found.solver = apart(states, single);
+        }
+        if let (Some(double), Some(single)) = (&double, &single) {
+            found.single = apart(single, double);
+        }
+        Ok(())
     }
 
     /// The motion by one of the two, solved as far as it can.

@@ -401,3 +401,30 @@ fn without_a_checkpoint_a_run_starts_and_says_so() {
     ]);
     assert!(failure(&played).contains("nothing to resume"));
 }
+
+/// rapier cannot be put back to where it was: such runs leave nothing to go on from, and say so.
+#[cfg(feature = "rapier")]
+#[test]
+fn runs_of_rapier_start_anew() {
+    let here = folder("resume_rapier");
+    let scene = here.join("bar.toml");
+    let bar = "[mesh]\ngenerate = \"bar\"\ntets = 200\n[solver]\nname = \"implicit\"\nengine = \"rapier\"\n[picture]\nsize = [32, 24]\n";
+    std::fs::write(&scene, bar).unwrap();
+    let out = here.join("out");
+    let run = |more: &[&str]| {
+        let mut all = vec![
+            "simulate",
+            text(&scene),
+            "--frames",
+            "2",
+            "--out",
+            text(&out),
+        ];
+        all.extend(more);
+        palpate(&all)
+    };
+    stdout(&run(&[]));
+    assert!(out.join("bar_0002.png").exists() && !out.join("bar.checkpoint").exists());
+    let told = failure(&run(&["--resume"]));
+    assert!(told.contains("leave --resume out"), "{told}");
+}

@@ -16,6 +16,10 @@ mod grabs;
 mod grids;
 mod integrators;
 mod invariance;
+#[cfg(not(feature = "rapier"))]
+mod no_rapier;
+#[cfg(feature = "rapier")]
+mod rapier;
 mod rigid;
 mod rigid_gpu;
 mod simulators;

@@ -1,0 +1,354 @@
+//! A body of rapier as its worker sees it: loads, steps, state.
+
+use super::balance::inner_forces;
+use super::matter::Matter;
+use super::springs::Spring;
+use super::world::{Contacts, World};
+use crate::physics::cpu::{Attachment, Failure, Guided, LoadChange, Stepped, check_attachments};
+use crate::physics::{
+    ConjugateGradients, Reaction, SelfContact, SpringNetwork, StepRecord, Tool, ToolPose,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Nodes nearer than that to a tool, in mean edges beyond the gap, may have a share in its contact:
+/// faces touch where they have no node.
+const REACH: f64 = 1.5;
+
+/// A body of tets in a world of its own.
+pub(super) struct RapierBody {
+    matter: Matter,
+    settings: ConjugateGradients,
+    contacts: Contacts,
+    world: World,
+    /// Of every node, kg.
+    masses: Vec<f64>,
+    gravity: DVec3,
+    forces: Vec<DVec3>,
+    pinned: Vec<bool>,
+    attachments: Vec<Attachment>,
+    /// Where tools are or go, m, and how often each was put elsewhere.
+    tools: Vec<Guided>,
+    steps: u64,
+    /// The length of the last step, s, and the velocities before it, m/s.
+    last: Option<(f64, Vec<DVec3>)>,
+}
+
+impl RapierBody {
+    /// The body of `matter` at rest, whose nodes have `masses` (kg); a file unit is `unit` metres.
+    ///
+    /// # Errors
+    /// None that is not one of rapier's.
+    pub fn new(
+        matter: Matter,
+        masses: Vec<f64>,
+        settings: ConjugateGradients,
+        unit: f64,
+    ) -> Result<RapierBody> {
+        let contacts = Contacts {
+            unit,
+            ..Contacts::default()
+        };
+        let nodes = masses.len();
+        Ok(RapierBody {
+            world: World::new(&matter, settings, &contacts, &[])?,
+            matter,
+            settings,
+            contacts,
+            masses,
+            gravity: DVec3::ZERO,
+            forces: vec![DVec3::ZERO; nodes],
+            pinned: vec![false; nodes],
+            attachments: Vec::new(),
+            tools: Vec::new(),
+            steps: 0,
+            last: None,
+        })
+    }
+
+    /// Solves linear systems as `settings` say from now on.
+    ///
+    /// # Errors
+    /// As [`RapierBody::add_tool`].
+    pub fn set_settings(&mut self, settings: ConjugateGradients) -> Result<()> {
+        self.settings = settings;
+        self.remake(&self.positions(), &self.velocities())
+    }
+
+    /// Adds a tool, which stands at `place` (m).
+    ///
+    /// # Errors
+    /// [`Error::Input`] for one that rapier cannot have; nothing is changed then.
+    pub fn add_tool(&mut self, tool: &Tool, place: ToolPose) -> Result<()> {
+        let before = self.contacts.clone();
+        self.contacts.tools.push(tool.clone());
+        self.tools.push((place, 0));
+        let done = self.contact(before);
+        if done.is_err() {
+            self.tools.pop();
+        }
+        done
+    }
+
+    /// Has the body feel itself.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for what rapier cannot have; nothing is changed then.
+    pub fn set_self_contact(&mut self, wanted: SelfContact) -> Result<()> {
+        let before = self.contacts.clone();
+        self.contacts.itself = Some(wanted);
+        self.contact(before)
+    }
+
+    /// Makes the world anew with the contacts of now, or goes back to those of `before`.
+    fn contact(&mut self, before: Contacts) -> Result<()> {
+        let (x, v) = (self.positions(), self.velocities());
+        let done = self.contacts.check().and_then(|()| self.remake(&x, &v));
+        if done.is_err() {
+            self.contacts = before;
+        }
+        done
+    }
+
+    /// Makes the world anew, with the nodes at `x` (m) and `v` (m/s). What rapier keeps of former
+    /// steps would not fit a state that it did not come to.
+    fn remake(&mut self, x: &[DVec3], v: &[DVec3]) -> Result<()> {
+        let places: Vec<ToolPose> = self.tools.iter().map(|t| t.0).collect();
+        let mut world = World::new(&self.matter, self.settings, &self.contacts, &places)?;
+        let scale = self.matter.scale;
+        let body = world.body_mut();
+        for (i, (x, v)) in x.iter().zip(v).enumerate() {
+            body.set_particle_position(i, scale.vector(*x));
+            body.set_particle_velocity(i, scale.vector(*v));
+        }
+        world.set_gravity(scale.vector(self.gravity));
+        for spring in Spring::of(&self.attachments) {
+            world.add_spring(&spring, &self.matter);
+        }
+        self.world = world;
+        self.last = None;
+        self.hold();
+        self.push();
+        Ok(())
+    }
+
+    /// Which nodes cannot move by themselves.
+    fn held(&self) -> Vec<bool> {
+        let mut held = self.pinned.clone();
+        for a in &self.attachments {
+            if let Attachment::Hold { node, .. } | Attachment::Lead { node, .. } = a {
+                held[*node as usize] = true;
+            }
+        }
+        held
+    }
+
+    /// Holds the nodes that are held, where they are, and lets go of the others.
+    fn hold(&mut self) {
+        let held = self.held();
+        let body = self.world.body_mut();
+        for (i, held) in held.iter().enumerate() {
+            let particle = &body.particles()[i];
+            // Nodes without mass are pinned to rapier anyway.
+            if particle.is_pinned() != *held && particle.mass() > 0.0 {
+                body.set_particle_pinned(i, *held);
+            }
+        }
+    }
+
+    /// Puts the forces on the particles.
+    fn push(&mut self) {
+        let scale = self.matter.scale;
+        let body = self.world.body_mut();
+        body.reset_forces(true);
+        for (i, f) in self.forces.iter().enumerate() {
+            if *f != DVec3::ZERO {
+                body.add_particle_force(i, scale.force(*f), true);
+            }
+        }
+    }
+
+    /// Says where nodes that are held or led are at the end of a step of `dt` seconds.
+    fn aim(&mut self, dt: f64) {
+        let scale = self.matter.scale;
+        let targets = Spring::of(&self.attachments).map(|s| s.target);
+        self.world.aim_springs(targets, &self.matter);
+        let body = self.world.body_mut();
+        for a in &mut self.attachments {
+            match a {
+                Attachment::Hold { node, place } => {
+                    body.set_particle_kinematic_target(*node as usize, scale.vector(*place));
+                }
+                Attachment::Lead {
+                    node,
+                    place,
+                    velocity,
+                } => {
+                    *place += dt * *velocity;
+                    body.set_particle_kinematic_target(*node as usize, scale.vector(*place));
+                }
+                Attachment::Pull { .. } => {}
+            }
+        }
+    }
+
+    /// The force on every node of `network`, which the body is, N: of its tets, damping and loads.
+    pub fn forces(&self, network: &SpringNetwork) -> Vec<DVec3> {
+        let mut forces = inner_forces(network, &self.positions(), &self.velocities());
+        let loads = self.masses.iter().zip(&self.forces);
+        for (f, (m, load)) in forces.iter_mut().zip(loads) {
+            *f += *m * self.gravity + *load;
+        }
+        forces
+    }
+
+    /// What the body exerts on each tool: what the nodes of `boundary` near it lack for the motion
+    /// that they made in the last step.
+    pub fn tool_forces(
+        &self,
+        network: &SpringNetwork,
+        boundary: impl IntoIterator<Item = u32>,
+    ) -> Vec<Reaction> {
+        let (x, v) = (self.positions(), self.velocities());
+        let (forces, held) = (self.forces(network), self.held());
+        let mut reactions = vec![Reaction::default(); self.tools.len()];
+        let nodes = boundary.into_iter().map(|i| i as usize);
+        let free = nodes.filter(|i| !held[*i]);
+        for i in free {
+            let Some((tool, place)) = self.touched(x[i]) else {
+                continue;
+            };
+            let change = match &self.last {
+                Some((dt, before)) => (v[i] - before[i]) / *dt,
+                None => DVec3::ZERO,
+            };
+            let pushed = forces[i] - self.masses[i] * change;
+            reactions[tool].force += pushed;
+            reactions[tool].moment += (x[i] - place).cross(pushed);
+        }
+        reactions
+    }
+
+    /// The tool that a node at `x` (m) is nearest to, if it is near any, and where that is.
+    fn touched(&self, x: DVec3) -> Option<(usize, DVec3)> {
+        let reach = REACH * self.matter.scale.length;
+        let near = self.tools.iter().zip(&self.contacts.tools).enumerate();
+        near.map(|(k, ((pose, _), tool))| {
+            let shape = tool.shape.scaled(self.contacts.unit);
+            let at = pose.turn().inverse() * (x - pose.place());
+            let gap = tool.gap.unwrap_or(0.0) * self.contacts.unit;
+            (shape.distance(at) - gap, k, pose.place())
+        })
+        .filter(|(distance, ..)| *distance < reach)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, k, place)| (k, place))
+    }
+
+    fn kinetic_energy(&self, velocities: &[DVec3]) -> f64 {
+        let each = self.masses.iter().zip(velocities);
+        0.5 * each.map(|(m, v)| m * v.length_squared()).sum::<f64>()
+    }
+}
+
+impl Stepped for RapierBody {
+    fn iterates(&self) -> bool {
+        false
+    }
+
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
+        if !(dt as f32 > 0.0 && (dt as f32).is_finite()) {
+            return Err(Failure::BadStep { h: dt });
+        }
+        let mut record = StepRecord::default();
+        for _ in 0..steps {
+            let (x, v) = (self.positions(), self.velocities());
+            self.aim(dt);
+            if !self.world.step(dt) {
+                // The body stays as it was before the step.
+                let _ = self.remake(&x, &v);
+                return Err(Failure::NonFinite);
+            }
+            self.steps += 1;
+            record.kinetic = self.kinetic_energy(&self.velocities());
+            self.last = Some((dt, v));
+        }
+        Ok(record)
+    }
+
+    fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    fn positions(&self) -> Vec<DVec3> {
+        self.world.positions(&self.matter)
+    }
+
+    fn velocities(&self) -> Vec<DVec3> {
+        self.world.velocities(&self.matter)
+    }
+
+    fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        let nodes = self.masses.len();
+        let finite = positions.iter().chain(velocities).all(|v| v.is_finite());
+        if [positions.len(), velocities.len()] != [nodes; 2] || !finite {
+            return Err(Error::Input(format!(
+                "{} positions and {} velocities for {nodes} nodes, or some that are no numbers",
+                positions.len(),
+                velocities.len()
+            )));
+        }
+        self.remake(positions, velocities)
+    }
+
+    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+        self.gravity = change.gravity;
+        let gravity = self.matter.scale.vector(change.gravity);
+        self.world.set_gravity(gravity);
+        if let Some(pinned) = change.pinned {
+            self.pinned = pinned;
+        }
+        if let Some(attachments) = change.attachments {
+            check_attachments(&attachments, self.masses.len())?;
+            let known: Vec<Spring> = Spring::of(&self.attachments).collect();
+            let wanted: Vec<Spring> = Spring::of(&attachments).collect();
+            let mut pairs = known.iter().zip(&wanted);
+            let same = known.len() == wanted.len() && pairs.all(|(a, b)| a.is_like(b));
+            self.attachments = attachments;
+            if !same {
+                self.remake(&self.positions(), &self.velocities())?;
+            }
+        }
+        self.hold();
+        if let Some(forces) = change.forces {
+            self.forces = forces;
+            self.push();
+        }
+        for (k, tool) in change.tools.into_iter().flatten().enumerate() {
+            let jumped = self.tools.get(k).is_some_and(|t| t.1 != tool.1);
+            self.world.guide(k, &tool.0, &self.matter, jumped);
+            if let Some(own) = self.tools.get_mut(k) {
+                *own = tool;
+            }
+        }
+        Ok(())
+    }
+
+    fn parts(&self) -> usize {
+        1
+    }
+
+    fn packed(&self) -> Result<Vec<u8>> {
+        Err(no_state())
+    }
+
+    fn resume(&mut self, _: &[u8]) -> Result<()> {
+        Err(no_state())
+    }
+}
+
+/// The error of whoever wants all that the next steps depend on.
+pub(super) fn no_state() -> Error {
+    Error::Input(
+        "what rapier keeps from step to step cannot be written and read, so its runs have no checkpoints; take --engine cpu, or start anew".into(),
+    )
+}

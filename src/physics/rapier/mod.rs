@@ -1,0 +1,16 @@
+//! The engine `rapier`: a body of tets stepped by the soft bodies of
+//! [rapier](https://rapier.rs), implicit Euler with one linear solve a substep, in f32.
+//!
+//! Tools are kinematic bodies in the same world. rapier's vectors are of another glam than ours:
+//! they are crossed by their numbers, in `scale.rs`.
+
+mod balance;
+mod body;
+mod matter;
+mod scale;
+mod shape;
+mod simulator;
+mod springs;
+mod world;
+
+pub use simulator::RapierTets;

@@ -1,0 +1,382 @@
+//! A body of tets as a simulator, stepped by rapier.
+
+use super::body::{RapierBody, no_state};
+use super::matter::Matter;
+use crate::gpu::{Gpu, Recorder};
+use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
+use crate::physics::cpu::{Errand, Failure, Refusal, Stepped, Worker, faces_through, send_loads};
+use crate::physics::loads::LoadVersions;
+use crate::physics::{
+    ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, Loads, NodeTerm, Nodes, Pose,
+    Progress, Reaction, Report, SelfContact, Simulator, SimulatorState, SolverKind, SpringNetwork,
+    Tool, ToolId, ToolPose, TopologyChange,
+};
+use crate::{Error, FailureCause, Result};
+use glam::DVec3;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// A body of tets that rapier steps, on a thread of its own.
+pub struct RapierTets {
+    mesh: TetMesh,
+    topology: Topology,
+    network: SpringNetwork,
+    loads: Loads,
+    /// The loads that the worker has.
+    sent: Option<LoadVersions>,
+    tools: Vec<Tool>,
+    self_contact: Option<SelfContact>,
+    worker: Worker<RapierBody>,
+    nodes: Nodes,
+    /// The positions that were uploaded.
+    shown: u64,
+    /// Counts changes of state and shape from outside.
+    changes: u64,
+    progress: Progress,
+}
+
+impl RapierTets {
+    /// `mesh` with masses and elements of one's own, at rest, its linear solves stopping as the
+    /// settings say. `gpu` is what it is drawn on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for what rapier cannot have, and every scheme but implicit;
+    /// [`Error::Gpu`] when the nodes do not fit the device.
+    pub fn new(
+        gpu: &Gpu,
+        (mesh, network): (TetMesh, SpringNetwork),
+        (kind, settings): (SolverKind, ConjugateGradients),
+    ) -> Result<RapierTets> {
+        check_kind(kind)?;
+        if network.rest.len() != mesh.nodes.len() {
+            return Err(Error::Input(format!(
+                "masses of {} nodes are given for a mesh of {}",
+                network.rest.len(),
+                mesh.nodes.len()
+            )));
+        }
+        let (matter, unit) = (Matter::new(&network)?, network.length_unit);
+        let body = RapierBody::new(matter, network.masses.clone(), settings, unit)?;
+        let nodes = Nodes::new(gpu, &mesh)?;
+        Ok(RapierTets {
+            topology: Topology::new(&mesh),
+            loads: Loads::new(mesh.nodes.len(), nodes.frame(), unit),
+            mesh,
+            network,
+            sent: None,
+            tools: Vec::new(),
+            self_contact: None,
+            worker: Worker::new(Box::new(body)),
+            nodes,
+            shown: 0,
+            changes: 0,
+            progress: Progress::default(),
+        })
+    }
+
+    /// What is told of a step that was refused.
+    fn error(&mut self, refusal: Refusal) -> Error {
+        match refusal {
+            Refusal::Wrong(error) => {
+                // Loads that were refused are sent again.
+                self.sent = None;
+                error
+            }
+            Refusal::Failed(Failure::BadStep { h }, ..) => bad_step(h),
+            Refusal::Failed(failure, dt, progress) => {
+                self.progress = progress;
+                Error::Solver {
+                    solver: "rapier",
+                    step: progress.steps + 1,
+                    time: progress.time,
+                    cause: FailureCause::NotFinite,
+                    what: failure.to_string(),
+                    advice: format!(
+                        "use a smaller --dt than {dt}, less stiffness or more damping, or --engine cpu, and check the units of the mesh"
+                    ),
+                }
+            }
+        }
+    }
+
+    fn metres(&self, positions: &[DVec3]) -> Vec<DVec3> {
+        let metres = positions.iter().map(|p| self.network.to_metres(*p));
+        metres.collect()
+    }
+
+    /// The faces of the boundary, by their nodes.
+    fn boundary(&self) -> Vec<[u32; 3]> {
+        let faces = self.topology.boundary.iter();
+        let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
+        faces.map(nodes).collect()
+    }
+
+    /// Uploads the positions that were put out last, if they are new.
+    fn upload(&mut self) -> Result<()> {
+        let Some((version, positions)) = self.worker.published(self.shown) else {
+            return Ok(());
+        };
+        self.shown = version;
+        let places: Vec<DVec3> = positions.iter().map(|x| self.network.to_file(*x)).collect();
+        self.nodes.set_positions(&places)
+    }
+
+    /// Uploads the positions of now.
+    fn show(&mut self) -> Result<()> {
+        self.worker.publish();
+        self.upload()
+    }
+}
+
+/// Refuses the schemes that rapier has not.
+fn check_kind(kind: SolverKind) -> Result<()> {
+    match kind {
+        SolverKind::Implicit => Ok(()),
+        kind => Err(Error::Input(format!(
+            "rapier steps by implicit Euler and not by {kind}; give --solver implicit, or take --engine cpu"
+        ))),
+    }
+}
+
+fn bad_step(dt: f64) -> Error {
+    Error::Input(format!(
+        "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
+    ))
+}
+
+impl Simulator for RapierTets {
+    fn integrator(&self) -> SolverKind {
+        SolverKind::Implicit
+    }
+
+    fn engine(&self) -> Engine {
+        Engine::Rapier
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn masses(&self) -> &[f64] {
+        &self.network.masses
+    }
+
+    fn springs(&self) -> Vec<[u32; 2]> {
+        self.network.springs.iter().map(|s| s.nodes).collect()
+    }
+
+    fn network(&self) -> Option<&SpringNetwork> {
+        Some(&self.network)
+    }
+
+    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+        check_kind(kind)?;
+        self.worker.rest();
+        self.progress = Progress::default();
+        self.worker.set_progress(self.progress, Default::default());
+        self.worker.body().set_settings(settings)?;
+        self.changes += 1;
+        self.show()
+    }
+
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        Err(Error::Input(format!(
+            "rapier knows no {}; a [[tool]] that is a plane is a floor to it, or take --engine cpu",
+            term.name()
+        )))
+    }
+
+    fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
+        tool.check()?;
+        let place = self.network.to_metres(tool.pose.place());
+        let place = ToolPose::new(place, tool.pose.turn());
+        self.worker.body().add_tool(&tool, place)?;
+        let id = self.loads.add_tool(tool.pose);
+        self.tools.push(tool);
+        self.changes += 1;
+        Ok(id)
+    }
+
+    fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
+    fn set_self_contact(&mut self, wanted: SelfContact) -> Result<usize> {
+        wanted.check()?;
+        let mut body = self.worker.body();
+        let through = faces_through(&self.network, &self.boundary(), &body.positions())?;
+        body.set_self_contact(wanted)?;
+        drop(body);
+        self.self_contact = Some(wanted);
+        self.changes += 1;
+        Ok(through)
+    }
+
+    fn self_contact(&self) -> Option<SelfContact> {
+        self.self_contact
+    }
+
+    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
+        self.finish()?;
+        let nodes: BTreeSet<u32> = self.boundary().into_iter().flatten().collect();
+        Ok(self.worker.body().tool_forces(&self.network, nodes))
+    }
+
+    fn forces(&mut self) -> Result<Vec<DVec3>> {
+        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
+        self.finish()?;
+        Ok(self.worker.body().forces(&self.network))
+    }
+
+    fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {
+        let positions = self.positions()?;
+        let place = |v: &u32| positions.get(*v as usize).copied();
+        let places: Option<Vec<DVec3>> = nodes.iter().map(place).collect();
+        self.loads.lead(nodes, &places.unwrap_or_default())
+    }
+
+    fn largest_stable_step(&self) -> Option<f64> {
+        None
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Err(bad_step(dt));
+        }
+        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
+        match steps {
+            0 => Ok(()),
+            steps => self.worker.ask(Errand::Steps(steps, dt)),
+        }
+    }
+
+    fn progress(&mut self) -> Result<Progress> {
+        self.progress = match self.worker.progress() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
+    }
+
+    fn finish(&mut self) -> Result<Progress> {
+        self.progress = match self.worker.finish() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
+    }
+
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.run(steps, dt)?;
+        self.publish(work)
+    }
+
+    fn iterations(&self) -> Result<Vec<u32>> {
+        Ok(Vec::new())
+    }
+
+    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+        self.upload()
+    }
+
+    fn nodes(&self) -> &Nodes {
+        &self.nodes
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        let metres = self.worker.body().positions();
+        Ok(metres.iter().map(|x| self.network.to_file(*x)).collect())
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        let unit = self.network.length_unit;
+        let metres = self.worker.body().velocities();
+        Ok(metres.iter().map(|v| *v / unit).collect())
+    }
+
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.nodes
+            .check("positions", positions, |p| self.network.frame.to_local(p))?;
+        let metres = self.metres(positions);
+        {
+            let mut body = self.worker.body();
+            let velocities = body.velocities();
+            body.set_state(&metres, &velocities)?;
+        }
+        self.changes += 1;
+        self.show()
+    }
+
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        let unit = self.network.length_unit;
+        let velocities: Vec<DVec3> = velocities.iter().map(|v| *v * unit).collect();
+        let mut body = self.worker.body();
+        let positions = body.positions();
+        body.set_state(&positions, &velocities)?;
+        self.changes += 1;
+        Ok(())
+    }
+
+    fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        &mut self.loads
+    }
+
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+        let positions = self.positions()?;
+        self.loads
+            .grab(&positions, |_| true, (centre, radius), grip)
+    }
+
+    fn cut(&mut self, _: &Blade) -> Result<TopologyChange> {
+        Err(Error::Input(
+            "bodies of rapier cannot be cut; take --engine cpu or gpu".into(),
+        ))
+    }
+
+    fn report(&self) -> Result<Report> {
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        let energy = Energy::of(&self.network, &[], &positions, &velocities);
+        Ok(Report::of_positions(energy, &self.mesh, &positions))
+    }
+
+    fn speed(&self) -> f64 {
+        if self.progress.steps == 0 {
+            return f64::INFINITY;
+        }
+        let mass: f64 = self.network.masses.iter().sum();
+        let speed = (2.0 * self.progress.last.kinetic.max(0.0) / mass).sqrt();
+        speed / (self.network.frame.scale * self.network.length_unit)
+    }
+
+    fn touched(&self) -> u64 {
+        self.changes + self.loads.version()
+    }
+
+    fn has_state(&self) -> bool {
+        false
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        Err(no_state())
+    }
+
+    fn set_state(&mut self, _: &SimulatorState) -> Result<()> {
+        Err(no_state())
+    }
+
+    fn pose(&self) -> Result<Pose> {
+        Err(no_state())
+    }
+
+    fn set_pose(&mut self, _: &Pose) -> Result<()> {
+        Err(no_state())
+    }
+}
