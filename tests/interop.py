@@ -381,6 +381,18 @@ def negative_control(folder, expected):
     check("negative control: a changed value of a field is told", "" if "warm" in told else f"not noticed: {told!r}")
 
 
+def moved_by_others(folder):
+    """Frames that a program of plain Python pipes in are drawn, each another picture."""
+    example = Path(__file__).parent.parent / "examples" / "frames.py"
+    frames = subprocess.run([sys.executable, example], capture_output=True, check=True).stdout
+    out = folder / "frame.png"
+    command = [PALPATE, "render", "-", "--frames-from", "-", "--size", "64x48", "--out", out]
+    done = subprocess.run(command, input=frames, capture_output=True)
+    pictures = [path.read_bytes() for path in sorted(folder.glob("frame_*.png"))]
+    drawn = done.returncode == 0 and len(pictures) == 20 and pictures[0] != pictures[5]
+    check("frames from a pipe", None if drawn else done.stderr.decode())
+
+
 def main():
     gmsh.initialize(["-noenv"], readConfigFiles=False)
     gmsh.option.setNumber("General.Terminal", 0)
@@ -391,6 +403,7 @@ def main():
         written_by_gmsh(folder)
         written_by_others(folder, mesh, expected, names)
         negative_control(folder, expected)
+        moved_by_others(folder)
     gmsh.finalize()
     print(f"{failed} failed" if failed else "all ok")
     return 1 if failed else 0

@@ -6,6 +6,7 @@ mod convert;
 mod demo;
 mod film;
 mod flags;
+mod frames;
 mod info;
 mod mesh;
 mod presets;

@@ -11,12 +11,13 @@ use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
 use palpate::scene::{Run, STEPS, Stage};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `render`.
 #[derive(Args)]
 pub struct RenderArguments {
-    /// A mesh, a scene (.toml), or a series of frames (.pvd), of which the last is drawn
+    /// A mesh, a scene (.toml), or a series of frames (.pvd), of which the last is drawn; - for a
+    /// mesh that comes with --frames-from
     input: PathBuf,
     /// The picture: .png, or .exr for the raw values
     #[arg(long, short, required_unless_present_any = ["pick", "film"])]
@@ -28,6 +29,11 @@ pub struct RenderArguments {
     /// Also write the deformed mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp)
     #[arg(long)]
     mesh_out: Option<PathBuf>,
+    /// Draw the frames that another program writes into this file or named pipe (- for standard
+    /// input), each as soon as it came, as numbered pictures OUT_0000.png and so on, or as a film;
+    /// docs/frames.md has the layout
+    #[arg(long, value_name = "PIPE", conflicts_with_all = ["pick", "mesh_out", "repeat", "report"])]
+    frames_from: Option<PathBuf>,
     #[command(flatten)]
     film: FilmFlags,
     /// Frames of the film
@@ -41,13 +47,33 @@ pub struct RenderArguments {
     )]
     frames: u32,
     #[command(flatten)]
-    scene: SceneFlags,
+    pub scene: SceneFlags,
     #[command(flatten)]
     measure: MeasureFlags,
 }
 
+impl RenderArguments {
+    /// What is drawn.
+    pub fn input(&self) -> &Path {
+        &self.input
+    }
+
+    /// The picture, if any is wanted.
+    pub fn out(&self) -> Option<&Path> {
+        self.out.as_deref()
+    }
+
+    /// Of its film.
+    pub fn film_flags(&self) -> &FilmFlags {
+        &self.film
+    }
+}
+
 /// Deforms the body if a solver is named, and draws it.
 pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
+    if let Some(pipe) = &arguments.frames_from {
+        return super::frames::run(gpu, arguments, pipe);
+    }
     if let Some(path) = &arguments.mesh_out {
         // Before the work: a name that cannot be written is known to be one.
         MeshFormat::of(path)?;

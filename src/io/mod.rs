@@ -14,6 +14,7 @@ mod cell_kinds;
 mod cells;
 mod cursor;
 mod format;
+mod frames;
 #[doc(hidden)]
 pub mod fuzz;
 mod gmsh;
@@ -47,6 +48,7 @@ mod vtu_write;
 pub(crate) use atomic::UnfinishedFile;
 pub use atomic::atomic_write;
 pub use format::{MeshFormat, write, write_as};
+pub use frames::{FrameStream, StreamedFrame};
 pub use parse::{parse, parse_surface, parse_volume};
 pub use pvd::{Frame, PvdSeries, read_pvd};
 pub use surface::{read_surface, write_surface};

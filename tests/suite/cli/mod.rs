@@ -3,6 +3,7 @@
 mod bake;
 mod convert;
 mod film;
+mod frames;
 mod mesh;
 mod pick;
 mod resume;

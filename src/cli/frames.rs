@@ -1,0 +1,99 @@
+//! `palpate render --frames-from`: pictures of a body that another program moves.
+
+use super::Outcome;
+use super::render::RenderArguments;
+use anyhow::Context;
+use palpate::annotate::FrameTime;
+use palpate::gpu::Gpu;
+use palpate::io::FrameStream;
+use palpate::scene::Stage;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+/// What stands for standard input, and for a mesh that comes with the frames.
+const DASH: &str = "-";
+
+/// Draws every frame that comes from `pipe` as soon as it is there.
+pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Result<Outcome> {
+    let film = arguments.film_flags();
+    film.check()?;
+    if film.orbit.is_some() {
+        anyhow::bail!(
+            "--orbit needs to know how many frames there will be, and a pipe does not tell; leave it out"
+        );
+    }
+    let name = match pipe.as_os_str() == DASH {
+        true => Path::new("standard input"),
+        false => pipe,
+    };
+    let from: Box<dyn Read> = match pipe.as_os_str() == DASH {
+        true => Box::new(io::stdin().lock()),
+        false => Box::new(File::open(pipe).with_context(|| format!("{}", pipe.display()))?),
+    };
+    let (mut frames, mesh) = FrameStream::new(BufReader::new(from), name)?;
+    let mut scene = arguments.scene.scene(arguments.input())?;
+    // Nothing moves it but the frames.
+    scene.solver.name = None;
+    let own = arguments.input().as_os_str() == DASH;
+    let mut stage = match mesh {
+        Some(mesh) if own => Stage::with_mesh(gpu, &scene, mesh)?,
+        None if !own => Stage::new(gpu, &scene)?,
+        Some(_) => anyhow::bail!(
+            "{}: the mesh comes with the frames, and {} is another; give - in its place, or frames without a mesh",
+            name.display(),
+            arguments.input().display()
+        ),
+        None => anyhow::bail!(
+            "{}: these frames come without a mesh; name the mesh or scene in place of -",
+            name.display()
+        ),
+    };
+    let nodes = stage.mesh().nodes.len();
+    if frames.nodes() != nodes {
+        anyhow::bail!(
+            "{}: frames of {} nodes do not fit the mesh of {nodes}",
+            name.display(),
+            frames.nodes()
+        );
+    }
+    super::tell(stage.notes());
+    let mut film = film.begin(&stage)?;
+    let mut count = 0;
+    let mut before = f64::NEG_INFINITY;
+    let drawn = loop {
+        let (time, places) = match frames.next_frame() {
+            Ok(Some(frame)) => frame,
+            Ok(None) => break Ok(()),
+            // What came is kept.
+            Err(e) => break Err(e),
+        };
+        stage.pose(&places)?;
+        stage.tell_time(FrameTime {
+            seconds: time,
+            resolution: time - before,
+        });
+        before = time;
+        if let Some(out) = arguments.out() {
+            stage.save(numbered(out, count))?;
+        }
+        if let Some(film) = &mut film {
+            stage.film(film)?;
+        }
+        count += 1;
+    };
+    super::film::end(film, count > 0)?;
+    drawn?;
+    if count == 0 {
+        anyhow::bail!("{}: it ended before the first frame", name.display());
+    }
+    super::tell(&[format!("{count} frames drawn")]);
+    Ok(Outcome::Done)
+}
+
+/// `out`, with the number of a frame.
+fn numbered(out: &Path, frame: u32) -> PathBuf {
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = out.extension().unwrap_or_default().to_string_lossy();
+    out.with_file_name(format!("{stem}_{frame:04}.{extension}"))
+}

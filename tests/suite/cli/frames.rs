@@ -1,0 +1,248 @@
+//! `render --frames-from`: frames that another program writes into a pipe.
+
+use crate::cli::*;
+use glam::DVec3;
+use palpate::io::FrameStream;
+use palpate::mesh::{TetMesh, generate};
+use std::io::Write;
+use std::process::Stdio;
+
+/// A stream of `frames` of `mesh`, which comes along or not.
+fn stream(mesh: &TetMesh, along: bool, frames: &[(f64, Vec<DVec3>)]) -> Vec<u8> {
+    let mut bytes = b"PALPATE1".to_vec();
+    let tets = if along { mesh.tets.len() } else { 0 };
+    bytes.extend((mesh.nodes.len() as u32).to_le_bytes());
+    bytes.extend((tets as u32).to_le_bytes());
+    let points = |bytes: &mut Vec<u8>, points: &[DVec3]| {
+        let numbers = points.iter().flat_map(|p| p.to_array());
+        numbers.for_each(|x| bytes.extend(x.to_le_bytes()));
+    };
+    if along {
+        points(&mut bytes, &mesh.nodes);
+        for v in mesh.tets.iter().flatten() {
+            bytes.extend(v.to_le_bytes());
+        }
+    }
+    for (time, places) in frames {
+        bytes.extend(time.to_le_bytes());
+        points(&mut bytes, places);
+    }
+    bytes
+}
+
+/// A bar, and three frames of it that bend it.
+fn bar() -> (TetMesh, Vec<(f64, Vec<DVec3>)>) {
+    let mesh = generate::bar([6, 2, 2], DVec3::new(3.0, 1.0, 1.0)).unwrap();
+    let bent = |k: u32| {
+        let by = |p: &DVec3| *p + DVec3::Z * 0.05 * f64::from(k) * p.x * p.x;
+        (0.5 * f64::from(k), mesh.nodes.iter().map(by).collect())
+    };
+    let frames = (0..3).map(bent).collect();
+    (mesh, frames)
+}
+
+fn piped(arguments: &[&str], bytes: &[u8]) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // What refuses the beginning does not read the rest.
+    let _ = child.stdin.take().unwrap().write_all(bytes);
+    child.wait_with_output().unwrap()
+}
+
+#[test]
+fn frames_from_a_pipe_are_those_of_a_series_to_the_bit() {
+    let folder = folder("frames");
+    let (mesh, frames) = bar();
+    let rest = folder.join("bar.vtu");
+    palpate::io::write(&rest, &mesh).unwrap();
+    let mut series = palpate::io::PvdSeries::create(&folder, "series").unwrap();
+    for (time, places) in &frames {
+        series.push_deformed(*time, &mesh, places, &[]).unwrap();
+    }
+    let view = [
+        "--size",
+        "64x48",
+        "--eye",
+        "1.5,-6,2",
+        "--look-at",
+        "1.5,0.5,0.5",
+    ];
+    let out = folder.join("again");
+    let pvd = folder.join("series.pvd");
+    let again = [&["simulate", text(&pvd), "--out", text(&out)], &view[..]].concat();
+    stdout(&palpate(&again));
+    // From a file beside a mesh, and from standard input with the mesh in it.
+    let file = folder.join("frames.bin");
+    std::fs::write(&file, stream(&mesh, false, &frames)).unwrap();
+    let [one, two, film] = ["one.png", "two.png", "film.gif"].map(|n| folder.join(n));
+    let beside = [
+        "render",
+        text(&rest),
+        "--frames-from",
+        text(&file),
+        "--out",
+        text(&one),
+        "--film",
+        text(&film),
+    ];
+    stdout(&palpate(&[&beside, &view[..]].concat()));
+    let within = ["render", "-", "--frames-from", "-", "--out", text(&two)];
+    stdout(&piped(
+        &[&within, &view[..]].concat(),
+        &stream(&mesh, true, &frames),
+    ));
+    let read = |name: String| std::fs::read(folder.join(name)).unwrap();
+    for k in 0..3 {
+        let expected = read(format!("again/series_{k:04}.png"));
+        assert!(expected == read(format!("one_{k:04}.png")), "{k}");
+        assert!(expected == read(format!("two_{k:04}.png")), "{k}");
+        assert!(k == 0 || expected != read("one_0000.png".into()), "{k}");
+    }
+    assert!(film.exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_frame_is_drawn_before_the_next_one_comes() {
+    let folder = folder("frames_fifo");
+    let (mesh, frames) = bar();
+    let pipe = folder.join("pipe");
+    let made = Command::new("mkfifo").arg(&pipe).status().unwrap();
+    assert!(made.success());
+    let out = folder.join("frame.png");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .args([
+            "render",
+            "-",
+            "--frames-from",
+            text(&pipe),
+            "--size",
+            "32x24",
+            "--out",
+            text(&out),
+        ])
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut writer = std::fs::File::create(&pipe).unwrap();
+    writer
+        .write_all(&stream(&mesh, true, &frames[..1]))
+        .unwrap();
+    writer.flush().unwrap();
+    let first = folder.join("frame_0000.png");
+    let waited = std::time::Instant::now();
+    while !first.exists() {
+        assert!(
+            waited.elapsed().as_secs() < 120,
+            "the first frame is not drawn"
+        );
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert!(!folder.join("frame_0001.png").exists());
+    let all = stream(&mesh, true, &frames);
+    let head = stream(&mesh, true, &frames[..1]).len();
+    writer.write_all(&all[head..]).unwrap();
+    drop(writer);
+    assert!(child.wait().unwrap().success());
+    assert!(folder.join("frame_0002.png").exists());
+}
+
+#[test]
+fn a_stream_cut_at_any_byte_is_an_error_or_ends_between_frames() {
+    let (mesh, frames) = bar();
+    let whole = stream(&mesh, true, &frames);
+    let frame = 8 + 24 * mesh.nodes.len();
+    let ends: Vec<usize> = (0..=3).map(|k| whole.len() - k * frame).collect();
+    for cut in (0..whole.len()).step_by(7).chain(ends.iter().copied()) {
+        let read = FrameStream::new(&whole[..cut], "cut").and_then(|(mut frames, mesh)| {
+            assert!(mesh.is_some());
+            let mut count = 0;
+            while frames.next_frame()?.is_some() {
+                count += 1;
+            }
+            Ok(count)
+        });
+        match ends.iter().position(|end| *end == cut) {
+            Some(k) => assert_eq!(read.unwrap(), 3 - k),
+            None => {
+                let said = read.unwrap_err().to_string();
+                assert!(
+                    said.contains("cut") && said.contains("ends within"),
+                    "{said}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_no_stream_is_refused_with_what_would_be() {
+    let (mesh, frames) = bar();
+    let refused = |bytes: &[u8]| {
+        let read = FrameStream::new(bytes, "wrong").and_then(|(mut frames, _)| {
+            while frames.next_frame()?.is_some() {}
+            Ok(())
+        });
+        read.unwrap_err().to_string()
+    };
+    let whole = stream(&mesh, true, &frames);
+    assert!(refused(b"P6 640 480 255 and so on").contains("begins with PALPATE1"));
+    // Counts beyond what comes make no room for that.
+    let mut many = whole.clone();
+    many[8..16].fill(0xff);
+    assert!(refused(&many).contains("ends within the rest places"));
+    let mut none = whole.clone();
+    none[8..12].fill(0);
+    assert!(refused(&none).contains("0 nodes"));
+    let first = 16 + 24 * mesh.nodes.len();
+    let mut wrong = whole.clone();
+    wrong[first..first + 4].fill(0xff);
+    assert!(refused(&wrong).contains("makes no sense"));
+    let mut nowhere = whole.clone();
+    let last = whole.len() - 8;
+    nowhere[last..].copy_from_slice(&f64::NAN.to_le_bytes());
+    let said = refused(&nowhere);
+    assert!(
+        said.contains("frame 2") && said.contains("no place"),
+        "{said}"
+    );
+    let mut endless = whole.clone();
+    let time = whole.len() - 8 - 24 * mesh.nodes.len();
+    endless[time..time + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
+    assert!(refused(&endless).contains("time inf"));
+    // And what does not fit the command.
+    let dash = [
+        "render",
+        "-",
+        "--frames-from",
+        "-",
+        "--out",
+        "x.png",
+        "--size",
+        "8x8",
+    ];
+    let said = failure(&piped(&dash, &stream(&mesh, false, &frames)));
+    assert!(said.contains("without a mesh"), "{said}");
+    let limb = format!("{DATA}/limb.vtu");
+    let named = [
+        "render",
+        &limb,
+        "--frames-from",
+        "-",
+        "--out",
+        "x.png",
+        "--size",
+        "8x8",
+    ];
+    assert!(failure(&piped(&named, &whole)).contains("is another"));
+    let said = failure(&piped(&named, &stream(&mesh, false, &frames)));
+    assert!(said.contains("do not fit"), "{said}");
+    let orbit = [&dash[..], &["--film", "x.gif", "--orbit", "90"]].concat();
+    assert!(failure(&piped(&orbit, &whole)).contains("how many frames"));
+    assert!(failure(&piped(&dash, &stream(&mesh, true, &[]))).contains("before the first frame"));
+}
