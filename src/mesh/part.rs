@@ -1,6 +1,6 @@
 //! Regions that share nodes are welded: parting them.
 
-use super::{Field, Hierarchy, Location, TetMesh, Topology, crossings};
+use super::{FACES, Field, Hierarchy, Location, TetMesh, Topology, crossings};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,7 +40,8 @@ impl TetMesh {
     /// order; doubles come last, where the nodes are that they come from, with their values.
     ///
     /// A node around which other regions hold the two together, from one of their faces to the next, is
-    /// left to both: there the seam ends.
+    /// left to both: there the seam ends. Where the two meet in faces and have no other nodes, all
+    /// of them are doubled, and what is between stays with `first`.
     ///
     /// Returns each double with the node it comes from.
     ///
@@ -62,9 +63,13 @@ impl TetMesh {
                 shared[*v as usize] |= side;
             }
         }
-        let held = self.held_together(&shared, |t| {
-            u8::from(is(t, first)) + 2 * u8::from(is(t, second))
-        });
+        let side = |t: usize| u8::from(is(t, first)) + 2 * u8::from(is(t, second));
+        let mut held = self.held_together(&shared, side);
+        let meet = (0..self.nodes.len() as u32).filter(|v| shared[*v as usize] == 3);
+        if meet.clone().all(|v| held.contains(&v)) && self.meet_in_faces(&shared, side) {
+            // They are so narrow where they meet that they have no node there to themselves.
+            held.clear();
+        }
         let mut double = vec![u32::MAX; self.nodes.len()];
         let mut made = Vec::new();
         let parts = |v: &usize| shared[*v] == 3 && !held.contains(&(*v as u32));
@@ -109,6 +114,21 @@ impl TetMesh {
             }
         }
         Ok(made)
+    }
+
+    /// Whether tets of one `side` (1 or 2, or neither) have faces in common with those of the other.
+    fn meet_in_faces(&self, shared: &[u8], side: impl Fn(usize) -> u8) -> bool {
+        let mut faces: BTreeMap<[u32; 3], u8> = BTreeMap::new();
+        for (t, tet) in self.tets.iter().enumerate().filter(|(t, _)| side(*t) != 0) {
+            for face in FACES {
+                let mut nodes = face.map(|k| tet[k]);
+                if nodes.iter().all(|v| shared[*v as usize] == 3) {
+                    nodes.sort_unstable();
+                    *faces.entry(nodes).or_default() |= side(t);
+                }
+            }
+        }
+        faces.values().any(|sides| *sides == 3)
     }
 
     /// Nodes of both sides of a seam, which are those that are 3 in `shared`, around which the tets of
