@@ -259,7 +259,12 @@ fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
     assert!(several(1) >= 2 && several(2) >= 3 && several(3) >= 4);
     assert!(released().any(|r| r[4] == "diverged" && r[5] == "NaN"));
     let number = |r: &[String], k: usize| r[k].parse::<f64>().unwrap();
-    for r in rows.iter().filter(|r| r[4] != "diverged") {
+    // Of rapier only the whole is known.
+    let (other, ours): (Vec<_>, Vec<_>) = rows.iter().partition(|r| r[2] == "rapier");
+    for r in &other {
+        assert!(r[4] == "diverged" || number(r, 5) < 1.0, "{r:?}");
+    }
+    for r in ours.into_iter().filter(|r| r[4] != "diverged") {
         let [error, time, solver, single] = [5, 6, 7, 8].map(|k| number(r, k));
         // The parts make up the whole, and none of them but time can be larger than it allows.
         assert!(error <= 1.001 * (time + solver + single) + 1e-9, "{r:?}");
