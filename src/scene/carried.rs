@@ -5,7 +5,7 @@ use super::tool::look;
 use super::{ContactEntry, GrabEntry, LabelOrName, Scene, TissueEntry, TissueTable, ToolEntry};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
-use crate::physics::Shape;
+use crate::physics::{Shape, Tool, ToolPose};
 use crate::skin::{Carrier, Mapping, Skin};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -197,8 +197,15 @@ impl Scene {
     fn carry(&mut self, entry: &ToolEntry, mesh: &mut TetMesh, unit: f64) -> Result<()> {
         let name = entry.name.clone().unwrap_or_default();
         entry.check_carried(&name)?;
-        let convex = Convex::of(&entry.shape()?, &name)?;
         let (at, turn) = entry.stand()?;
+        let tool = Tool {
+            shape: entry.shape()?,
+            pose: ToolPose::new(at, turn),
+            friction: entry.friction.unwrap_or(0.0),
+            gap: None,
+        };
+        tool.check()?;
+        let convex = Convex::of(&tool.shape, &name)?;
         let (mut nodes, tets) = convex.filled();
         nodes.iter_mut().for_each(|p| *p = at + turn * *p);
         let volume = tets.iter().map(|tet| {

@@ -151,6 +151,10 @@ fn what_makes_no_sense_is_refused_with_what_would() {
             "not positive",
         ),
         (
+            "[[tool]]\nsphere = { radius = 0.0 }\nat = [0, 0, 0.2]\nmass = 1\n",
+            "radius 0",
+        ),
+        (
             "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\npath = [[0.0, 0, 0, 0]]\n",
             "give a `spring`",
         ),
