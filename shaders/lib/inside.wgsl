@@ -101,6 +101,7 @@ fn surface_seen(which: u32, spot: Spot, row: u32, ray: Ray) -> vec4<f32> {
     let first = textureLoad(cuts, at(item), 0);
     let second = textureLoad(cuts, at(item + 1u), 0);
     if which <= SLICES {
+#any scan         if SCANNED { return scans_sliced(spot, row) * second.y; }
         return vec4(colour_of(spot.s, row), 1.0) * second.y;
     }
     var colour = second.rgb;
@@ -108,7 +109,9 @@ fn surface_seen(which: u32, spot: Spot, row: u32, ray: Ray) -> vec4<f32> {
         colour = colour_of(first.x, row);
     }
     if LIT {
-        var light = shade_surface(params, spot.gradient, ray.way);
+        var gradient = spot.gradient;
+#any scan         gradient = scan_gradient(0u, spot.rest);
+        var light = shade_surface(params, gradient, ray.way);
         if SHADOWED {
             light *= spot.bright;
         }
@@ -119,7 +122,11 @@ fn surface_seen(which: u32, spot: Spot, row: u32, ray: Ray) -> vec4<f32> {
 
 // Of a segment: its volume as far as it is kept, and the surfaces in it, front to back.
 fn seen_inside(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
-    let range = kept(part, ray);
+    return seen_within(part, kept(part, ray), row, ray, VOLUME);
+}
+
+// The same of the part of it that is kept.
+fn seen_within(part: Segment, range: vec2<f32>, row: u32, ray: Ray, volume: bool) -> vec4<f32> {
     var seen = vec4(0.0);
     if range.x >= range.y {
         return seen;
@@ -130,13 +137,13 @@ fn seen_inside(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
         if next.which == 0u {
             break;
         }
-        if VOLUME {
+        if volume {
             seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, next.u)), row, ray);
         }
         seen += (1.0 - seen.a) * surface_seen(next.which, between(part.front, part.back, next.u), row, ray);
         met = next;
     }
-    if VOLUME {
+    if volume {
         seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, range.y)), row, ray);
     }
     return seen;

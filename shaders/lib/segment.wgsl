@@ -6,8 +6,11 @@
 
 // Whether each region has a transfer function of its own: a row of the table.
 override REGIONS: bool = false;
-// The row of what is not shown at all.
+// The row of what is not shown at all, and what marks one in which scans show nothing.
 const HIDDEN: u32 = 0xffffu;
+const CLEAR: u32 = 0x8000u;
+// Whether scans take the place of the scalar.
+override SCANNED: bool = false;
 // A ray this opaque is not followed further.
 override OPAQUE: f32 = 0.9995;
 
@@ -68,7 +71,9 @@ fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     }
     if MODE == COMPOSITE {
         var seen: vec4<f32>;
-        if (CLIPS + SLICES + ISOS > 0u) | !VOLUME {
+        if SCANNED {
+#any scan             seen = scans_seen(whole, row, ray, select(sum.a, 0.0, BACKWARDS));
+        } else if (CLIPS + SLICES + ISOS > 0u) | !VOLUME {
             seen = seen_inside(whole, row, ray);
         } else {
             seen = seen_in_light(whole, row, ray);
@@ -87,6 +92,7 @@ fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
         return vec4(sum.r + length_of(part, ray), 0.0, 0.0, 0.0);
     }
     if MODE == MAXIMUM || MODE == MINIMUM || MODE == MEAN {
+#any scan         if SCANNED { return scans_projected(sum, part, ray); }
         return projected_scalar(sum, part, ray);
     }
     return vec4(sum.r + 1.0, sum.gba);
@@ -96,7 +102,10 @@ fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
 fn seen_in_light(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     let seen = segment(part.front.s, part.back.s, length_of(part, ray), row);
     if LIT {
-        var light = shade(params, 0.5 * (part.front.gradient + part.back.gradient), ray.way);
+        var gradient = 0.5 * (part.front.gradient + part.back.gradient);
+#any scan         if seen.a <= 0.0 { return seen; }
+#any scan         gradient = scan_gradient(0u, 0.5 * (part.front.rest + part.back.rest));
+        var light = shade(params, gradient, ray.way);
         if SHADOWED {
             light *= 0.5 * (part.front.bright + part.back.bright);
         }

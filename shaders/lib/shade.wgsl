@@ -6,6 +6,8 @@
 override LIT: bool = false;
 // Whether what is before the light dims it.
 override SHADOWED: bool = false;
+// Whether light reads what the nodes keep: gradients, and how much light comes there.
+override NODE_LIGHT: bool = false;
 
 // The constants of `render::light`.
 const AMBIENT: f32 = 0.4;

@@ -16,6 +16,7 @@ override REGIONS: bool = false;
 // As in lib/inside and lib/segment.
 const COLOURS: u32 = 1024u;
 const HIDDEN: u32 = 0xffffu;
+const CLEAR: u32 = 0x8000u;
 // Points of the largest tets.
 const MOST_POINTS: u32 = 1024u;
 
@@ -27,6 +28,7 @@ const MOST_POINTS: u32 = 1024u;
 @group(0) @binding(next) var colours: texture_2d<f32>;
 @group(0) @binding(next) var rows: texture_2d<u32>;
 #import lib/clip
+#each scan #import terms/TERM
 @group(0) @binding(next) var<storage, read_write> grid: array<atomic<u32>>;
 @group(0) @binding(next) var<uniform> params: Fill;
 
@@ -53,7 +55,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var row = 0u;
     if REGIONS {
         row = textureLoad(rows, at(t), 0).x;
-        if row == HIDDEN {
+        if (row == HIDDEN) | ((row & CLEAR) != 0u) {
             return;
         }
     }
@@ -93,7 +95,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
             continue;
         }
         let nearest = u32(clamp(dot(w, s), 0.0, 1.0) * f32(COLOURS - 1u) + 0.5);
-        let extinction = textureLoad(colours, at(row * COLOURS + nearest), 0).w;
+        var extinction = textureLoad(colours, at(row * COLOURS + nearest), 0).w;
+#any scan         extinction = scans_extinction(resting, row);
         atomicAdd(&grid[word], u32(min(share * extinction, 1e9) + 0.5));
     }
 }

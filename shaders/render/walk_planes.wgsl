@@ -7,13 +7,14 @@
 #each reads #import terms/TERM
 // One scalar a tet, if CELLS.
 @group(0) @binding(next) var cells: texture_2d<f32>;
-// If LIT or RESTING: the four nodes of each tet, their positions, and if LIT the gradient at each
+// If LIT or RESTING: the four nodes of each tet, their positions, and if NODE_LIGHT the gradient at each
 // (in w the share of light that comes there, if SHADOWED).
 @group(0) @binding(next) var tets: texture_2d<u32>;
 @group(0) @binding(next) var positions: texture_2d<f32>;
 @group(0) @binding(next) var gradients: texture_2d<f32>;
 
 #each table #import terms/TERM
+#each scan #import terms/TERM
 #import lib/array
 #import lib/view
 #import lib/tet
@@ -30,6 +31,11 @@ fn record(t: u32, k: u32) -> vec4<u32> {
 
 fn plane(t: u32, k: u32) -> vec4<f32> {
     return bitcast<vec4<f32>>(record(t, k));
+}
+
+// Where node i is, in the local frame.
+fn corner_at(i: u32) -> vec3<f32> {
+    return textureLoad(positions, at(i), 0).xyz;
 }
 
 // The scalar (table coordinate) at z in tet t.
@@ -50,7 +56,7 @@ fn spot_at(t: u32, ray: Ray, z: f32) -> Spot {
     var spot: Spot;
     spot.z = z;
     spot.s = scalar_at(t, ray, z);
-    if !(LIT | RESTING) {
+    if !(NODE_LIGHT | RESTING) {
         return spot;
     }
     let ids = textureLoad(tets, at(t), 0);
@@ -70,7 +76,7 @@ fn spot_at(t: u32, ray: Ray, z: f32) -> Spot {
     w = clamp(w / select(whole, 1e-30, abs(whole) < 1e-30), vec4(0.0), vec4(1.0));
     w /= max(w.x + w.y + w.z + w.w, 1e-30);
     for (var k = 0u; k < 4u; k++) {
-        if LIT {
+        if NODE_LIGHT {
             let lit = textureLoad(gradients, at(ids[k]), 0);
             spot.gradient += w[k] * lit.xyz;
             if SHADOWED {

@@ -11,10 +11,11 @@
 @group(0) @binding(next) var tets: texture_2d<u32>;
 // One scalar a tet, if CELLS.
 @group(0) @binding(next) var cells: texture_2d<f32>;
-// The gradient at each node, if LIT; in w the share of light that comes there, if SHADOWED.
+// The gradient at each node, if NODE_LIGHT; in w the share of light that comes there, if SHADOWED.
 @group(0) @binding(next) var gradients: texture_2d<f32>;
 
 #each table #import terms/TERM
+#each scan #import terms/TERM
 #import lib/array
 #import lib/view
 #import lib/tet
@@ -30,6 +31,12 @@ fn seen(i: u32, sight: Sight) -> vec4<f32> {
 
 fn gradient_at(i: u32) -> vec4<f32> {
     return textureLoad(gradients, at(i), 0);
+}
+
+// Where node i is, in the local frame.
+fn corner_at(i: u32) -> vec3<f32> {
+    let q = projected_at(i).xyz - vec3(params.right.w, params.up.w, params.forward.w);
+    return q.x * params.right.xyz + q.y * params.up.xyz + q.z * params.forward.xyz;
 }
 
 fn rest_of(i: u32) -> vec3<f32> {
@@ -70,7 +77,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         rc = rest_of(ic);
         here.rest = (w.x * ra + w.y * rb + w.z * rc) * start_share;
     }
-    if LIT {
+    if NODE_LIGHT {
         ga = gradient_at(ia);
         gb = gradient_at(ib);
         gc = gradient_at(ic);
@@ -117,7 +124,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         );
         let share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
         var next: Spot;
-        if LIT {
+        if NODE_LIGHT {
             let gd = gradient_at(id);
             ga = select(ga, gd, drop_a);
             gb = select(gb, gd, drop_b);

@@ -12,6 +12,31 @@ impl Gpu {
     pub fn texture(
         &self,
         label: &str,
+        size: [u32; 3],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> Result<wgpu::Texture> {
+        self.texture_of(label, wgpu::TextureDimension::D2, size, format, usage)
+    }
+
+    /// The same with three dimensions: `size` is width, height and depth.
+    ///
+    /// # Errors
+    /// As [`Gpu::texture`].
+    pub fn volume_texture(
+        &self,
+        label: &str,
+        size: [u32; 3],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> Result<wgpu::Texture> {
+        self.texture_of(label, wgpu::TextureDimension::D3, size, format, usage)
+    }
+
+    fn texture_of(
+        &self,
+        label: &str,
+        dimension: wgpu::TextureDimension,
         [width, height, layers]: [u32; 3],
         format: wgpu::TextureFormat,
         usage: wgpu::TextureUsages,
@@ -26,7 +51,7 @@ impl Gpu {
                 },
                 mip_level_count: 1,
                 sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
+                dimension,
                 format,
                 usage,
                 view_formats: &[],

@@ -3,6 +3,7 @@
 
 use super::ResolvedTransfer;
 use super::ray_integral::{RayReference, Segment, segment_integral};
+use super::table::TableRow;
 use super::transfer::named_colour;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::LocalFrame;
@@ -16,7 +17,7 @@ const MOST_PLANES: usize = 32;
 /// Most isosurfaces of a picture: each costs a comparison a tet.
 const MOST_ISOSURFACES: usize = 64;
 /// Colours of the transfer function; `lib/inside.wgsl` has the same number.
-const COLOURS: usize = 1024;
+pub(super) const COLOURS: usize = 1024;
 
 /// What a plane does.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -415,22 +416,19 @@ impl RayReference {
     }
 }
 
-/// The colours of transfer functions over a range of scalars, as `lib/inside.wgsl` reads them; in w
-/// extinction, over `most`.
-pub(super) fn colours(
-    gpu: &Gpu,
-    transfers: &[ResolvedTransfer],
-    (low, high): (f64, f64),
-    most: f64,
-) -> Result<Array> {
-    let over = if most > 0.0 { most.recip() } else { 0.0 };
-    let colour = |transfer: &ResolvedTransfer, k: usize| {
+/// The colours of a row of the table over its range of scalars, as `lib/inside.wgsl` reads them; in
+/// w extinction.
+pub(super) fn colours(row: &TableRow) -> Vec<[f64; 4]> {
+    let TableRow {
+        transfer,
+        range: (low, high),
+        ..
+    } = row;
+    let colour = |k: usize| {
         let share = k as f64 / (COLOURS - 1) as f64;
         let s = low + share * (high - low);
         let [r, g, b] = transfer.colour(s);
-        [r, g, b, over * transfer.extinction(s)].map(|x| x as f32)
+        [r, g, b, transfer.extinction(s)]
     };
-    let rows = transfers.iter();
-    let rows = rows.flat_map(|transfer| (0..COLOURS).map(move |k| colour(transfer, k)));
-    gpu.array_of("colours", Texel::F32x4, &rows.collect::<Vec<_>>())
+    (0..COLOURS).map(colour).collect()
 }

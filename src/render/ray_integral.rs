@@ -5,6 +5,7 @@
 
 use crate::mesh::{FACES, TetMesh};
 use crate::parallel;
+use crate::render::scan::{Scan, ScanTruth};
 use crate::render::{Camera, Ray, ResolvedTransfer};
 use glam::{DVec2, DVec3};
 
@@ -26,6 +27,8 @@ pub struct RayReference {
     boxes: Vec<BoxNode>,
     order: Vec<u32>,
     extent: f64,
+    /// What is in place of the scalars.
+    scan: Option<ScanTruth>,
 }
 
 /// A node of the box hierarchy: a leaf holds `order[first..first + count]`, an inner node
@@ -55,6 +58,15 @@ impl RayReference {
         RayReference::with_corner_scalars(mesh, positions, corners.collect())
     }
 
+    /// The same with a scan of values that the mesh carries, `scan`'s: each tet's stretch of a ray
+    /// comes in stretches of a voxel over `fine`, along which the scan is taken to be linear.
+    pub fn of_scan(mesh: &TetMesh, positions: &[DVec3], scan: &Scan, fine: f64) -> RayReference {
+        RayReference {
+            scan: Some(ScanTruth::new(mesh, scan, fine)),
+            ..RayReference::of_cells(mesh, positions, &vec![0.0; mesh.tets.len()])
+        }
+    }
+
     fn with_corner_scalars(
         mesh: &TetMesh,
         positions: &[DVec3],
@@ -72,6 +84,7 @@ impl RayReference {
             scalars,
             boxes: Vec::new(),
             extent: (high - low).max_element(),
+            scan: None,
         };
         reference.build_boxes();
         reference
@@ -149,7 +162,15 @@ impl RayReference {
             }
         }
         found.sort_by(|a: &Segment, b| a.t[0].total_cmp(&b.t[0]).then(a.t[1].total_cmp(&b.t[1])));
-        found
+        let Some(scan) = &self.scan else {
+            return found;
+        };
+        let weights = |tet, t: f64| self.weights_in(tet, ray.origin + ray.direction * t);
+        let parts = found.into_iter().flat_map(|whole| {
+            let ends = whole.t.map(|t| weights(whole.tet, t));
+            scan.split(whole, ends)
+        });
+        parts.collect()
     }
 
     /// The part of `ray` inside tet `t`: between the last plane it enters and the first it leaves.

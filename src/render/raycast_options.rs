@@ -125,6 +125,8 @@ pub struct RaycastOptions {
     /// How dark the light is where the body keeps it off, from 0, which takes no time, to 1: soft
     /// shadows of a light that stands; by the light of the eye, how little of the sky a place sees.
     pub shadows: f64,
+    /// Voxels between two samples of a [`Scan`](super::Scan) at most, from 1/64 to 1.
+    pub scan_step: f64,
 }
 
 impl RaycastOptions {
@@ -153,6 +155,12 @@ impl RaycastOptions {
             return wrong(format!(
                 "shadows of {}: choose from 0, for none, to 1",
                 self.shadows
+            ));
+        }
+        if !(1.0 / 64.0..=1.0).contains(&self.scan_step) {
+            return wrong(format!(
+                "samples of a scan {} voxels apart: choose from 1/64 to 1",
+                self.scan_step
             ));
         }
         self.table.check()?;

@@ -137,6 +137,14 @@ pub(crate) fn named_colour(name: &str) -> Result<[f64; 3]> {
 }
 
 impl ResolvedTransfer {
+    /// White, of one extinction.
+    pub(super) fn dense(extinction: f64) -> ResolvedTransfer {
+        ResolvedTransfer {
+            colour: vec![[0.0, 1.0, 1.0, 1.0]],
+            extinction: vec![[0.0, extinction]],
+        }
+    }
+
     /// Red, green and blue at scalar `s`.
     pub fn colour(&self, s: f64) -> [f64; 3] {
         let [_, r, g, b] = interpolated(&self.colour, s);
@@ -151,6 +159,16 @@ impl ResolvedTransfer {
     /// The largest extinction at any scalar.
     pub fn max_extinction(&self) -> f64 {
         self.extinction.iter().map(|n| n[1]).fold(0.0, f64::max)
+    }
+
+    /// The largest extinction of scalars from `low` to `high`.
+    pub fn max_extinction_between(&self, low: f64, high: f64) -> f64 {
+        let inside = self
+            .extinction
+            .iter()
+            .filter(|n| n[0] >= low && n[0] <= high);
+        let ends = self.extinction(low).max(self.extinction(high));
+        inside.map(|n| n[1]).fold(ends, f64::max)
     }
 
     /// The scalars at which colour or extinction bend, sorted, each once.

@@ -16,7 +16,7 @@ impl Volume {
     }
 
     /// The trilinear value at voxel coordinates `x`.
-    fn at_index(&self, x: DVec3) -> f64 {
+    pub(crate) fn at_index(&self, x: DVec3) -> f64 {
         let last = DVec3::from(self.size.map(|n| n as f64 - 1.0));
         let x = x.clamp(DVec3::ZERO, last);
         let below = x.floor();

@@ -74,7 +74,7 @@ pub struct Geometry {
     /// Mean length of a random ray in a tet, at rest, in local units.
     pub(super) mean_chord: f64,
     /// The share of the volume at rest whose scalar lies in each of equal parts of the range.
-    pub(super) spread: Vec<f64>,
+    pub(super) spread: std::sync::Arc<[f64]>,
     pub(super) positions: Array,
     pub(super) scalars: Array,
     /// One scalar a tet; a single item where scalars are at the nodes.
@@ -372,7 +372,7 @@ fn mean_chord(mesh: &TetMesh) -> f64 {
 
 /// The share of the volume whose scalar lies in each of [`SPREAD`] equal parts of the range: of every
 /// so many tets in large meshes.
-fn spread(mesh: &TetMesh, scalars: Scalars, range: (f64, f64)) -> Vec<f64> {
+fn spread(mesh: &TetMesh, scalars: Scalars, range: (f64, f64)) -> std::sync::Arc<[f64]> {
     let mut spread = vec![0.0; SPREAD];
     let every = mesh.tets.len().div_ceil(TETS_OF_SPREAD).max(1);
     for t in (0..mesh.tets.len()).step_by(every) {
@@ -388,7 +388,7 @@ fn spread(mesh: &TetMesh, scalars: Scalars, range: (f64, f64)) -> Vec<f64> {
     let whole: f64 = spread.iter().sum();
     let each = |part: &mut f64| *part /= whole.max(f64::MIN_POSITIVE);
     spread.iter_mut().for_each(each);
-    spread
+    spread.into()
 }
 
 fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffer) -> Result<Pass> {

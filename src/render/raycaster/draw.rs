@@ -59,7 +59,8 @@ impl Raycaster {
             self.geometry.record_refresh(work)?;
         }
         if self.options.light.is_on() && gathered == Gathered::Composite {
-            if self.geometry.gradients().is_none() {
+            let from_nodes = self.looks.scans().is_none() || self.options.shadows > 0.0;
+            if from_nodes && self.geometry.gradients().is_none() {
                 return Err(Error::Input(
                     "the geometry is not ready for light; call Geometry::illuminate first".into(),
                 ));
@@ -178,7 +179,9 @@ impl Raycaster {
             Walk::Planes => "render/walk_planes",
         };
         let reads = if stored { "stored" } else { "sampled" };
-        let name = format!("{walk} {reads} {}", form.term(stored));
+        let scans = self.looks.scans();
+        let scan = if scans.is_some() { " scan" } else { "" };
+        let name = format!("{walk} {reads} {}{scan}", form.term(stored));
         let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
             let sum = &peel.sums[1 - writes];
             let opaque = occluder.unwrap_or(&self.nothing_opaque);
@@ -186,7 +189,7 @@ impl Raycaster {
             let lit = self.options.light.is_on() && gathered == Gathered::Composite;
             let looks = &self.looks;
             let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
-            let resting = looks.inside().needs_rest();
+            let resting = looks.needs_rest();
             // What is not read is given something small.
             let nothing = &looks.cuts;
             let shadows = self.shadows.as_ref().filter(|_| lit);
@@ -218,12 +221,26 @@ impl Raycaster {
             if form.is_sampled() {
                 builder = builder.read(&self.sampler);
             }
+            if let Some((held, places)) = scans {
+                builder = builder
+                    .read(&held.texture)
+                    .read(&held.sampler)
+                    .read(places)
+                    .constant("SCANS", held.scans.len() as f64)
+                    .constant("LABELS", flag(held.has_labels()))
+                    .constant("STEP", self.options.scan_step)
+                    .constant("SCANNED", 1.0);
+            }
             for (constant, value) in looks.table.constants() {
                 builder = builder.constant(constant, *value);
             }
             builder
                 .constant("LIT", flag(lit))
                 .constant("SHADOWED", flag(shadows.is_some()))
+                .constant(
+                    "NODE_LIGHT",
+                    flag(lit && (scans.is_none() || shadows.is_some())),
+                )
                 .constant("CLIPS", clips)
                 .constant("SLICES", slices)
                 .constant("ISOS", isosurfaces)

@@ -1,15 +1,19 @@
-//! What rays see in a mesh: transfer functions, of all or of each region, planes and isosurfaces,
-//! as the walks read them.
+//! What rays see in a mesh: transfer functions, of all or of each region, scans, planes and
+//! isosurfaces, as the walks read them.
 
 use crate::gpu::{Array, Gpu, Texel};
 use crate::render::geometry::Geometry;
 use crate::render::inside::{Inside, colours};
-use crate::render::table::{Table, Wanted};
-use crate::render::{RaycastOptions, ResolvedTransfer, TransferFunction};
+use crate::render::scan::Held;
+use crate::render::table::{Table, TableForm, TableRow, Wanted};
+use crate::render::{RaycastOptions, TransferFunction};
 use crate::{Error, Result};
+use std::sync::Arc;
 
 /// What is not shown at all; `lib/segment.wgsl` has the same number.
 const HIDDEN: u32 = 0xffff;
+/// What marks a row where scans show nothing; the same.
+const CLEAR: u32 = 0x8000;
 /// Transfer functions in a table: two rows of texels each, within what every device holds.
 const MOST_LOOKS: usize = 1024;
 
@@ -23,25 +27,36 @@ pub struct RegionLooks {
 }
 
 /// Regions as they are drawn.
+#[derive(Clone)]
 struct Regions {
     transfers: Vec<TransferFunction>,
-    /// The row of each tet, where the geometry keeps it.
-    rows: Array,
-    /// Tets there were.
-    tets: u32,
+    /// The row of each tet of the mesh, in its order.
+    of_tets: Arc<[u32]>,
+}
+
+/// What is asked of a picture.
+#[derive(Clone)]
+struct Asked {
+    transfer: TransferFunction,
+    regions: Option<Regions>,
+    inside: Inside,
+    scans: Option<Arc<Held>>,
 }
 
 /// All that decides what a segment of a ray looks like.
 pub(in crate::render) struct Looks {
-    transfer: TransferFunction,
-    regions: Option<Regions>,
-    inside: Inside,
+    asked: Asked,
     /// The range of scalars that the table was made for.
     range: (f64, f64),
     pub table: Table,
     /// Planes and isosurfaces.
     pub cuts: Array,
     pub colours: Array,
+    /// The row of each tet, where the geometry keeps it: where regions have looks of their own, or
+    /// scans are shown.
+    rows: Option<Array>,
+    /// Where scans lie, if any are shown.
+    scans: Option<wgpu::Buffer>,
 }
 
 impl Looks {
@@ -51,43 +66,76 @@ impl Looks {
         options: &RaycastOptions,
         transfer: &TransferFunction,
     ) -> Result<Looks> {
-        let transfers = resolved(geometry, transfer, None);
-        let table = make_table(gpu, geometry, options, &transfers)?;
-        let inside = Inside::default();
-        Ok(Looks {
-            cuts: cuts(gpu, geometry, &table, &inside)?,
-            colours: colours(gpu, &transfers, geometry.range, most(geometry, &table))?,
-            range: geometry.range,
+        let asked = Asked {
             transfer: transfer.clone(),
             regions: None,
-            inside,
+            inside: Inside::default(),
+            scans: None,
+        };
+        Looks::of(gpu, geometry, options, asked)
+    }
+
+    fn of(gpu: &Gpu, geometry: &Geometry, options: &RaycastOptions, asked: Asked) -> Result<Looks> {
+        let (rows, first) = asked.rows(geometry);
+        let table = Table::new(gpu, &asked.wanted(geometry, options, &rows))?;
+        let scans = match &asked.scans {
+            Some(held) => Some(held.to_gpu(gpu, geometry.frame, first)?),
+            None => None,
+        };
+        Ok(Looks {
+            cuts: cuts(gpu, geometry, rows[0].range, &table, &asked.inside)?,
+            colours: asked.colours(gpu, &rows, first, most(geometry, &table))?,
+            rows: asked.tet_rows(gpu, geometry, &rows, first)?,
+            range: rows[0].range,
+            scans,
             table,
+            asked,
         })
     }
 
     pub fn transfer(&self) -> &TransferFunction {
-        &self.transfer
+        &self.asked.transfer
+    }
+
+    /// The scalars that the transfer function covers.
+    pub fn range(&self) -> (f64, f64) {
+        self.range
     }
 
     /// Whether its table is the one for the scalars that `geometry` has now.
     pub fn suit(&self, geometry: &Geometry, options: &RaycastOptions) -> bool {
-        let transfers = resolved(geometry, &self.transfer, self.regions.as_ref());
-        self.range == geometry.range && self.table.suits(&wanted(geometry, options, &transfers))
+        let (rows, _) = self.asked.rows(geometry);
+        let wanted = self.asked.wanted(geometry, options, &rows);
+        self.range == rows[0].range && self.table.suits(&wanted)
     }
 
     pub fn inside(&self) -> &Inside {
-        &self.inside
+        &self.asked.inside
     }
 
-    /// The row of each tet, where regions have looks of their own.
+    /// The scans it shows, and where these lie.
+    pub fn scans(&self) -> Option<(&Held, &wgpu::Buffer)> {
+        self.asked.scans.as_deref().zip(self.scans.as_ref())
+    }
+
+    /// Whether rays are to know where the body rests.
+    pub fn needs_rest(&self) -> bool {
+        self.asked.inside.needs_rest() || self.asked.scans.is_some()
+    }
+
+    /// The row of each tet, where not all have the first.
     pub fn rows(&self) -> Option<&Array> {
-        self.regions.as_ref().map(|r| &r.rows)
+        self.rows.as_ref()
     }
 
     /// Whether they are those of `geometry` as it is now.
     pub fn check(&self, geometry: &Geometry) -> Result<()> {
-        match &self.regions {
-            Some(regions) if regions.tets != geometry.tet_count() => Err(Error::Input(
+        let tets = geometry.tet_count() as usize;
+        match (&self.asked.scans, &self.asked.regions) {
+            (Some(held), _) if held.tets() != tets => Err(Error::Input(
+                "the scans are those of the mesh before tets were removed; call Raycaster::set_scans again".into(),
+            )),
+            (_, Some(regions)) if regions.of_tets.len() != tets => Err(Error::Input(
                 "the regions are those of the mesh before tets were removed; call Raycaster::set_regions again".into(),
             )),
             _ => Ok(()),
@@ -101,9 +149,9 @@ impl Looks {
         options: &RaycastOptions,
         transfer: &TransferFunction,
     ) -> Result<()> {
-        let transfers = resolved(geometry, transfer, self.regions.as_ref());
-        self.renew(gpu, geometry, options, &transfers)?;
-        self.transfer = transfer.clone();
+        let mut asked = self.asked.clone();
+        asked.transfer = transfer.clone();
+        *self = Looks::of(gpu, geometry, options, asked)?;
         Ok(())
     }
 
@@ -113,8 +161,8 @@ impl Looks {
         geometry: &Geometry,
         options: &RaycastOptions,
     ) -> Result<()> {
-        let transfers = resolved(geometry, &self.transfer, self.regions.as_ref());
-        self.renew(gpu, geometry, options, &transfers)
+        *self = Looks::of(gpu, geometry, options, self.asked.clone())?;
+        Ok(())
     }
 
     pub fn set_regions(
@@ -124,53 +172,184 @@ impl Looks {
         options: &RaycastOptions,
         regions: Option<&RegionLooks>,
     ) -> Result<()> {
-        let regions = regions
-            .map(|r| Regions::new(gpu, geometry, r))
-            .transpose()?;
-        let transfers = resolved(geometry, &self.transfer, regions.as_ref());
-        self.renew(gpu, geometry, options, &transfers)?;
-        self.regions = regions;
+        let mut asked = self.asked.clone();
+        asked.regions = regions.map(|r| Regions::new(geometry, r)).transpose()?;
+        *self = Looks::of(gpu, geometry, options, asked)?;
         Ok(())
     }
 
-    pub fn set_inside(&mut self, gpu: &Gpu, geometry: &Geometry, inside: &Inside) -> Result<()> {
-        inside.check()?;
-        if inside.needs_rest() && geometry.rests().is_none() {
-            return Err(Error::Input(
-                "the geometry does not know where it rests; call Geometry::remember_rest first"
-                    .into(),
-            ));
-        }
-        if !inside.isosurfaces.is_empty() && geometry.per_cell {
-            return Err(Error::Input(
-                "isosurfaces need a field at the nodes: one that is constant in each tet has none"
-                    .into(),
-            ));
-        }
-        self.cuts = cuts(gpu, geometry, &self.table, inside)?;
-        self.inside = inside.clone();
-        Ok(())
-    }
-
-    /// Makes the table, and what goes by its coordinates, of other transfer functions.
-    fn renew(
+    pub fn set_scans(
         &mut self,
         gpu: &Gpu,
         geometry: &Geometry,
         options: &RaycastOptions,
-        transfers: &[ResolvedTransfer],
+        held: Option<Held>,
     ) -> Result<()> {
-        let table = make_table(gpu, geometry, options, transfers)?;
-        let cuts = cuts(gpu, geometry, &table, &self.inside)?;
-        let colours = colours(gpu, transfers, geometry.range, most(geometry, &table))?;
-        (self.table, self.cuts, self.colours) = (table, cuts, colours);
-        self.range = geometry.range;
+        let mut asked = self.asked.clone();
+        if geometry.rests().is_none() && held.is_some() {
+            return Err(Error::Input(NO_REST.into()));
+        }
+        if let Some(transfer) = held.as_ref().and_then(Held::transfer) {
+            asked.transfer = transfer.clone();
+        }
+        asked.scans = held.map(Arc::new);
+        *self = Looks::of(gpu, geometry, options, asked)?;
+        Ok(())
+    }
+
+    pub fn set_inside(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        inside: &Inside,
+    ) -> Result<()> {
+        inside.check()?;
+        if inside.needs_rest() && geometry.rests().is_none() {
+            return Err(Error::Input(NO_REST.into()));
+        }
+        let scanned = self.asked.scans.as_ref();
+        let flat = match scanned {
+            Some(held) => held.transfer().is_none(),
+            None => geometry.per_cell,
+        };
+        if !inside.isosurfaces.is_empty() && flat {
+            return Err(Error::Input(
+                "isosurfaces need a field at the nodes, or a scan of values: one that is constant in each tet, and a map of labels, have none"
+                    .into(),
+            ));
+        }
+        if scanned.is_some() && self.asked.inside.isosurfaces != inside.isosurfaces {
+            // Which tets show nothing goes by them.
+            let mut asked = self.asked.clone();
+            asked.inside = inside.clone();
+            *self = Looks::of(gpu, geometry, options, asked)?;
+            return Ok(());
+        }
+        self.cuts = cuts(gpu, geometry, self.range, &self.table, inside)?;
+        self.asked.inside = inside.clone();
         Ok(())
     }
 }
 
+const NO_REST: &str =
+    "the geometry does not know where it rests; call Geometry::remember_rest first";
+
+impl Asked {
+    /// The transfer functions of the table's rows, in absolute terms, and how many of them are
+    /// those of the scalar, or of the first scan.
+    fn rows(&self, geometry: &Geometry) -> (Vec<TableRow>, usize) {
+        let own = std::slice::from_ref(&self.transfer);
+        let transfers = self.regions.as_ref().map_or(own, |r| &r.transfers);
+        let extent = geometry.frame.scale;
+        let rows = match &self.scans {
+            Some(held) => held.rows(transfers, extent),
+            None => {
+                let row = |t: &TransferFunction| TableRow {
+                    transfer: t.resolved(geometry.range, extent),
+                    range: geometry.range,
+                    spread: geometry.spread.clone(),
+                };
+                transfers.iter().map(row).collect()
+            }
+        };
+        (rows, transfers.len())
+    }
+
+    /// What the table is made for.
+    fn wanted<'a>(
+        &self,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        rows: &'a [TableRow],
+    ) -> Wanted<'a> {
+        let (form, mean) = match (&self.scans, options.table) {
+            // Stretches of a voxel are thin.
+            (Some(held), form) => (
+                if form == TableForm::Fitting {
+                    TableForm::Integrals
+                } else {
+                    form
+                },
+                geometry
+                    .mean_chord
+                    .min(options.scan_step * held.finest() / geometry.frame.scale),
+            ),
+            (None, form) => (form, geometry.mean_chord),
+        };
+        Wanted {
+            form,
+            texel: options.texel,
+            size: options.table_size,
+            rows,
+            scale: geometry.frame.scale,
+            longest: geometry.longest_edge,
+            mean,
+            accuracy: options.accuracy,
+            opaque: options.opaque,
+        }
+    }
+
+    /// The colours of each row, as `lib/inside.wgsl` reads them; in w extinction, over `most`.
+    fn colours(&self, gpu: &Gpu, rows: &[TableRow], first: usize, most: f64) -> Result<Array> {
+        let over = if most > 0.0 { most.recip() } else { 0.0 };
+        let mut all: Vec<Vec<[f64; 4]>> = rows.iter().map(colours).collect();
+        for (row, looks) in self.scans.iter().flat_map(|held| held.label_rows(first)) {
+            for (texel, look) in all[row].iter_mut().zip(looks) {
+                let [r, g, b] = look.colour;
+                *texel = [r, g, b, look.extinction];
+            }
+        }
+        let texels = all.iter().flatten();
+        let texels: Vec<[f32; 4]> = texels
+            .map(|[r, g, b, tau]| [*r, *g, *b, over * tau].map(|x| x as f32))
+            .collect();
+        gpu.array_of("colours", Texel::F32x4, &texels)
+    }
+
+    /// The row of each tet, where the geometry keeps it, if not all have the first.
+    fn tet_rows(
+        &self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        rows: &[TableRow],
+        first: usize,
+    ) -> Result<Option<Array>> {
+        if self.regions.is_none() && self.scans.is_none() {
+            return Ok(None);
+        }
+        let tets = geometry.tet_count() as usize;
+        let mut of_tets = match &self.regions {
+            Some(regions) if regions.of_tets.len() == tets => regions.of_tets.to_vec(),
+            // Those of a mesh before a cut: nothing is drawn by them.
+            _ => vec![0; tets],
+        };
+        if let Some(held) = self.scans.as_ref().filter(|held| held.tets() == tets) {
+            let values: Vec<f64> = self
+                .inside
+                .isosurfaces
+                .iter()
+                .map(|iso| iso.value)
+                .collect();
+            let own = of_tets.clone();
+            let row = |t: usize| (own[t] as usize).min(first - 1);
+            let clear = held.clear(rows, first, &row, &values);
+            for (row, clear) in of_tets.iter_mut().zip(clear) {
+                if clear && *row != HIDDEN {
+                    *row |= CLEAR;
+                }
+            }
+        }
+        let mut placed = vec![0; tets];
+        for (place, row) in geometry.place.iter().zip(of_tets) {
+            placed[*place as usize] = row;
+        }
+        Ok(Some(gpu.array_of("looks of tets", Texel::U32, &placed)?))
+    }
+}
+
 impl Regions {
-    fn new(gpu: &Gpu, geometry: &Geometry, looks: &RegionLooks) -> Result<Regions> {
+    fn new(geometry: &Geometry, looks: &RegionLooks) -> Result<Regions> {
         let tets = geometry.tet_count();
         let count = looks.transfers.len();
         if looks.of_tets.len() != tets as usize {
@@ -184,64 +363,21 @@ impl Regions {
                 "regions have {count} transfer functions among them: from 1 to {MOST_LOOKS} are possible"
             )));
         }
-        let mut rows = vec![HIDDEN; looks.of_tets.len()];
-        for (place, look) in geometry.place.iter().zip(&looks.of_tets) {
-            match look {
-                Some(row) if *row as usize >= count => {
-                    return Err(Error::Input(format!(
-                        "a tet has transfer function {row}, and there are {count}, counted from 0"
-                    )));
-                }
-                Some(row) => rows[*place as usize] = *row,
-                None => {}
-            }
+        if let Some(row) = looks
+            .of_tets
+            .iter()
+            .flatten()
+            .find(|r| **r as usize >= count)
+        {
+            return Err(Error::Input(format!(
+                "a tet has transfer function {row}, and there are {count}, counted from 0"
+            )));
         }
+        let rows = looks.of_tets.iter().map(|row| row.unwrap_or(HIDDEN));
         Ok(Regions {
             transfers: looks.transfers.clone(),
-            rows: gpu.array_of("looks of tets", Texel::U32, &rows)?,
-            tets,
+            of_tets: rows.collect(),
         })
-    }
-}
-
-/// The transfer functions of the table's rows, in absolute terms.
-fn resolved(
-    geometry: &Geometry,
-    transfer: &TransferFunction,
-    regions: Option<&Regions>,
-) -> Vec<ResolvedTransfer> {
-    let transfers = regions.map_or(std::slice::from_ref(transfer), |r| &r.transfers);
-    let resolved = |t: &TransferFunction| t.resolved(geometry.range, geometry.frame.scale);
-    transfers.iter().map(resolved).collect()
-}
-
-fn make_table(
-    gpu: &Gpu,
-    geometry: &Geometry,
-    options: &RaycastOptions,
-    transfers: &[ResolvedTransfer],
-) -> Result<Table> {
-    Table::new(gpu, &wanted(geometry, options, transfers))
-}
-
-/// What the table is made for.
-fn wanted<'a>(
-    geometry: &'a Geometry,
-    options: &RaycastOptions,
-    transfers: &'a [ResolvedTransfer],
-) -> Wanted<'a> {
-    Wanted {
-        form: options.table,
-        texel: options.texel,
-        size: options.table_size,
-        transfers,
-        range: geometry.range,
-        scale: geometry.frame.scale,
-        longest: geometry.longest_edge,
-        mean: geometry.mean_chord,
-        spread: &geometry.spread,
-        accuracy: options.accuracy,
-        opaque: options.opaque,
     }
 }
 
@@ -250,9 +386,14 @@ fn most(geometry: &Geometry, table: &Table) -> f64 {
     f64::from(table.opacity) / (geometry.frame.scale * std::f64::consts::LOG2_E)
 }
 
-/// Planes and isosurfaces as walks read them.
-fn cuts(gpu: &Gpu, geometry: &Geometry, table: &Table, inside: &Inside) -> Result<Array> {
-    let (low, high) = geometry.range;
+/// Planes and isosurfaces as walks read them, of scalars in a range.
+fn cuts(
+    gpu: &Gpu,
+    geometry: &Geometry,
+    (low, high): (f64, f64),
+    table: &Table,
+    inside: &Inside,
+) -> Result<Array> {
     let [scale, shift] = table.scalar.map(f64::from);
     let coordinate = |s: f64| scale * (s - low) / (high - low) + shift;
     inside.to_gpu(gpu, geometry.frame, coordinate)

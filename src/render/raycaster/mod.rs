@@ -14,10 +14,12 @@ use super::geometry::Geometry;
 use super::image::Image;
 use super::inside::Inside;
 use super::raycast_options::{Gathered, Mode, RaycastOptions, Target};
+use super::scan::{Held, Scan};
 use super::tiles::draw_in_tiles;
 use super::view::{LocalView, Window};
 use super::{Camera, ResolvedTransfer, TransferFunction};
 use crate::gpu::{Array, Gpu, Recorder, Texel};
+use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use draw::Frame;
 use looks::Looks;
@@ -99,7 +101,7 @@ impl Raycaster {
     pub fn transfer(&self) -> ResolvedTransfer {
         let geometry = &self.geometry;
         let transfer = self.looks.transfer();
-        transfer.resolved(geometry.range, geometry.frame.scale)
+        transfer.resolved(self.looks.range(), geometry.frame.scale)
     }
 
     /// Draws with another transfer function from now on; what is recorded already keeps the one
@@ -140,6 +142,53 @@ impl Raycaster {
         Ok(())
     }
 
+    /// Shows scans that the body carries in place of its scalars, or these again with none: looked up
+    /// at full resolution where the body rests, as `mesh` has it, the first one with all that goes for
+    /// a scalar (regions, isosurfaces, projections). The geometry is to remember its rest
+    /// ([`Geometry::remember_rest`]). After a cut that removed tets scans are to be set again, by
+    /// [`Raycaster::follow_scans`]. Returns in words what had to be left out for the device's sake.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for scans that do not meet the mesh, are too many, or hold what they should
+    /// not, and for a geometry that does not know its rest; [`Error::Gpu`] where they do not fit the
+    /// device, however coarse. The old ones stay.
+    pub fn set_scans(&mut self, mesh: &TetMesh, scans: &[Scan]) -> Result<Vec<String>> {
+        if mesh.tets.len() != self.geometry.tet_count() as usize {
+            return Err(Error::Input(
+                "scans are carried by the mesh that the geometry was made of, and another is given"
+                    .into(),
+            ));
+        }
+        let held = match scans {
+            [] => None,
+            scans => Some(Held::new(&self.gpu, mesh, scans)?),
+        };
+        let notes = held.as_ref().map_or(Vec::new(), |held| held.notes.clone());
+        let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
+        self.looks.set_scans(gpu, geometry, options, held)?;
+        self.prepare_anew();
+        Ok(notes)
+    }
+
+    /// The scans it shows, after a cut of `mesh` that its geometry has followed.
+    ///
+    /// # Errors
+    /// As [`Raycaster::set_scans`].
+    pub fn follow_scans(&mut self, mesh: &TetMesh) -> Result<()> {
+        if let Some((held, _)) = self.looks.scans()
+            && held.tets() != mesh.tets.len()
+        {
+            let scans = held.scans.clone();
+            self.set_scans(mesh, &scans)?;
+        }
+        Ok(())
+    }
+
+    /// Whether it shows scans.
+    pub fn shows_scans(&self) -> bool {
+        self.looks.scans().is_some()
+    }
+
     /// Draws with these planes and isosurfaces from now on. Planes given in the body at rest need a
     /// geometry that remembers it ([`Geometry::remember_rest`]), isosurfaces scalars at the nodes;
     /// they are lit where there is light.
@@ -148,7 +197,8 @@ impl Raycaster {
     /// [`Error::Input`] for numbers that make no sense, too many of them, or a geometry that is not
     /// ready; the old ones stay.
     pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
-        self.looks.set_inside(&self.gpu, &self.geometry, inside)?;
+        let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
+        self.looks.set_inside(gpu, geometry, options, inside)?;
         self.prepare_anew();
         Ok(())
     }

@@ -97,7 +97,7 @@ impl Raycaster {
             .collect();
         let directions = gpu.array_of("directions to the light", Texel::F32x4, &list)?;
         let lit = gpu.array("lit gradients", Texel::F32x4, nodes as usize)?;
-        let resting = looks.inside().needs_rest();
+        let resting = looks.needs_rest();
         let rests = geometry.rests().filter(|_| resting).unwrap_or(&looks.cuts);
         let flag = |on: bool| f64::from(u8::from(on));
         let [clips, ..] = looks.inside().counts();
@@ -107,8 +107,13 @@ impl Raycaster {
             .write(&grid)
             .params(&gpu_data::Bounds { nodes })
             .over(nodes)?;
-        let fill = gpu
-            .pass("render/shadow_fill")
+        let scans = looks.scans();
+        let name = match scans {
+            Some(_) => "render/shadow_fill scan",
+            None => "render/shadow_fill",
+        };
+        let mut fill = gpu
+            .pass(name)
             .constant("CELLS", flag(geometry.per_cell))
             .constant("REGIONS", flag(looks.rows().is_some()))
             .constant("CLIPS", clips as f64)
@@ -120,13 +125,23 @@ impl Raycaster {
             .read(&looks.colours)
             .read(looks.rows().unwrap_or(&self.no_rows))
             .read(&looks.cuts)
-            .read(rests)
+            .read(rests);
+        if let Some((held, places)) = scans {
+            fill = fill
+                .read(&held.texture)
+                .read(&held.sampler)
+                .read(places)
+                .constant("SCANS", held.scans.len() as f64)
+                .constant("LABELS", flag(held.has_labels()));
+        }
+        let params = gpu_data::Fill {
+            tets: geometry.tet_count(),
+            cells,
+            points,
+        };
+        let fill = fill
             .write(&grid)
-            .params(&gpu_data::Fill {
-                tets: geometry.tet_count(),
-                cells,
-                points,
-            })
+            .params(&params)
             .over(geometry.tet_count())?;
         let march = gpu
             .pass("render/shadow_march")

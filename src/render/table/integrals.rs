@@ -11,7 +11,7 @@
 //! Q(b) − Q(a) − P(a) (C(b) − C(a)); see `shaders/terms/integrals.wgsl`.
 
 use super::pieces::{Pieces, gpu_data::Piece};
-use super::{Table, TableForm, Wanted};
+use super::{Table, TableForm, TableRow, Wanted};
 use crate::Result;
 use crate::gpu::Gpu;
 
@@ -28,18 +28,19 @@ const THIN_ERROR: f64 = 0.25 / 255.0;
 /// Whether segments are so thin that one look-up each does for `wanted`.
 pub(super) fn do_for(pieces: &[Pieces], wanted: &Wanted) -> bool {
     // Over the body's scalars as they occur, of the densest function.
-    let mean = |p: &Pieces| {
+    let mean = |(p, row): (&Pieces, &TableRow)| {
         let sums = Row::of(p, 1.0, 1.0).values;
-        let parts = wanted.spread.len();
+        let parts = row.spread.len();
         let up_to = |k: usize| {
             sums.get(k * (POINTS as usize - 1) / parts)
                 .map_or(0.0, |s| s.p)
         };
         let part = |(k, share): (usize, &f64)| share * (up_to(k + 1) - up_to(k));
-        let whole: f64 = wanted.spread.iter().enumerate().map(part).sum();
+        let whole: f64 = row.spread.iter().enumerate().map(part).sum();
         p.max_extinction * whole * parts as f64
     };
-    let mean = pieces.iter().map(mean).fold(0.0, f64::max);
+    let rows = pieces.iter().zip(wanted.rows);
+    let mean = rows.map(mean).fold(0.0, f64::max);
     let thin = THIN * (wanted.accuracy / THIN_ERROR).sqrt();
     mean * wanted.scale * wanted.mean <= thin
 }

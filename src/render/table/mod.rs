@@ -121,6 +121,17 @@ pub(super) struct Table {
     passes: Vec<Pass>,
 }
 
+/// A transfer function of a table.
+#[derive(Clone, Debug)]
+pub(super) struct TableRow {
+    /// In file units.
+    pub transfer: ResolvedTransfer,
+    /// The scalars it covers.
+    pub range: (f64, f64),
+    /// The share of the volume whose scalar lies in each of equal parts of the range.
+    pub spread: std::sync::Arc<[f64]>,
+}
+
 /// What a table is made for.
 #[derive(Clone, Copy)]
 pub(super) struct Wanted<'a> {
@@ -130,18 +141,14 @@ pub(super) struct Wanted<'a> {
     pub texel: TableTexel,
     /// Texels along each scalar where they are sampled, if not chosen for `accuracy`.
     pub size: Option<u32>,
-    /// The transfer functions, in file units: a row each of integrals, which alone can be several.
-    pub transfers: &'a [ResolvedTransfer],
-    /// The scalars it covers.
-    pub range: (f64, f64),
+    /// What is looked up: a row each of integrals, which alone can be several.
+    pub rows: &'a [TableRow],
     /// File units in a local unit.
     pub scale: f64,
     /// Longest segment to expect, in local units.
     pub longest: f64,
     /// Mean segment to expect, in local units.
     pub mean: f64,
-    /// The share of the volume whose scalar lies in each of equal parts of the range.
-    pub spread: &'a [f64],
     /// Error of a picture's values aimed for.
     pub accuracy: f64,
     /// The opacity at which rays end.
@@ -150,8 +157,8 @@ pub(super) struct Wanted<'a> {
 
 /// The transfer functions of `wanted` in pieces.
 fn pieces_of(wanted: &Wanted) -> Vec<Pieces> {
-    let pieces = |transfer| Pieces::new(transfer, wanted.range);
-    wanted.transfers.iter().map(pieces).collect()
+    let pieces = |row: &TableRow| Pieces::new(&row.transfer, row.range);
+    wanted.rows.iter().map(pieces).collect()
 }
 
 /// The form that [`TableForm::Fitting`] stands for.
@@ -168,7 +175,7 @@ impl Table {
     /// Whether it has the form that suits `wanted`.
     pub fn suits(&self, wanted: &Wanted) -> bool {
         // Nothing is chosen otherwise.
-        let fitting = wanted.form == TableForm::Fitting && wanted.transfers.len() == 1;
+        let fitting = wanted.form == TableForm::Fitting && wanted.rows.len() == 1;
         !fitting || self.form == chosen(&pieces_of(wanted), wanted)
     }
 

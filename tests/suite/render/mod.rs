@@ -15,6 +15,7 @@ mod planes;
 mod projections;
 mod recording;
 mod regions;
+mod scans;
 mod sizes;
 mod starts;
 mod surface;

@@ -1,0 +1,370 @@
+// Scans that the body carries: looked up where each point of a ray is at rest, in texels. The twin of
+// `render::scan`. Needs `corner_at` of the walk that imports it.
+#term scan
+
+#for render/walk_vertices render/walk_planes render/shadow_fill
+// How many there are, and whether any of them has labels.
+override SCANS: u32 = 1u;
+override LABELS: bool = false;
+
+struct Scan {
+    // The texel at a place at rest, in the local frame: dot(axis.xyz, place) + axis.w along each axis.
+    x: vec4<f32>,
+    y: vec4<f32>,
+    z: vec4<f32>,
+    // Texels along each axis, and where they begin in the texture, along z.
+    size: vec4<f32>,
+    // Share of the range: look.x texel + look.y. Its row of the table; 1 where it has labels.
+    look: vec4<f32>,
+}
+
+// One after the other along z: values from -1 to 1 over all that occur, or numbers of labels.
+@group(0) @binding(next) var scan: texture_3d<f32>;
+@group(0) @binding(next) var scan_sampler: sampler;
+@group(0) @binding(next) var<storage, read> scans: array<Scan>;
+
+fn texel_of(k: u32, rest: vec3<f32>) -> vec3<f32> {
+    let s = scans[k];
+    return vec3(dot(s.x.xyz, rest) + s.x.w, dot(s.y.xyz, rest) + s.y.w, dot(s.z.xyz, rest) + s.z.w);
+}
+
+fn has_labels(k: u32) -> bool {
+    return LABELS & (scans[k].look.w > 0.5);
+}
+
+// Whether a scan covers a place: up to the outer sides of its outermost texels.
+fn covers(k: u32, p: vec3<f32>) -> bool {
+    return all(p >= vec3(-0.5)) && all(p <= scans[k].size.xyz - 0.5);
+}
+
+// The share of the range at texel p, trilinear; at the rim that of the nearest centre.
+fn share_at(k: u32, p: vec3<f32>) -> f32 {
+    let size = scans[k].size;
+    let q = clamp(p, vec3(0.0), size.xyz - 1.0) + 0.5 + vec3(0.0, 0.0, size.w);
+    let texel = textureSampleLevel(scan, scan_sampler, q / vec3<f32>(textureDimensions(scan)), 0.0).x;
+    return clamp(scans[k].look.x * texel + scans[k].look.y, 0.0, 1.0);
+}
+
+// The number of the label at texel p.
+fn label_at(k: u32, p: vec3<f32>) -> u32 {
+    let size = scans[k].size;
+    let q = clamp(floor(p + 0.5), vec3(0.0), size.xyz - 1.0) + vec3(0.0, 0.0, size.w);
+    return u32(textureLoad(scan, vec3<i32>(q), 0).x + 0.5);
+}
+
+#for render/shadow_fill
+// What all scans at a place at rest dim light by: extinction, over the largest.
+fn scans_extinction(rest: vec3<f32>, row: u32) -> f32 {
+    var sum = 0.0;
+    for (var k = 0u; k < SCANS; k++) {
+        let p = texel_of(k, rest);
+        if !covers(k, p) {
+            continue;
+        }
+        let own = select(u32(scans[k].look.z), row, k == 0u);
+        if has_labels(k) {
+            sum += textureLoad(colours, at(u32(scans[k].look.z) * COLOURS + label_at(k, p)), 0).w;
+        } else {
+            let nearest = u32(share_at(k, p) * f32(COLOURS - 1u) + 0.5);
+            sum += textureLoad(colours, at(own * COLOURS + nearest), 0).w;
+        }
+    }
+    return sum;
+}
+
+#for render/walk_vertices render/walk_planes
+// Texels between two look-ups, at most.
+override STEP: f32 = 1.0;
+// Stretches of a segment between two look-ups, at most.
+const MOST_STOPS: u32 = 8192u;
+// Texels by which a wall between labels lies behind the ray that has just met it.
+const NUDGE: f32 = 1e-3;
+
+// What carries gradients from rest to where the tet is: F to the power -T, of the tet that the ray is
+// in.
+var<private> carry: mat3x3<f32>;
+
+fn set_carry(tet: u32) {
+    let v = textureLoad(tets, at(tet), 0);
+    let p = corner_at(v.x);
+    let r = textureLoad(rests, at(v.x), 0).xyz;
+    let p1 = corner_at(v.y) - p;
+    let p2 = corner_at(v.z) - p;
+    let p3 = corner_at(v.w) - p;
+    let r1 = textureLoad(rests, at(v.y), 0).xyz - r;
+    let r2 = textureLoad(rests, at(v.z), 0).xyz - r;
+    let r3 = textureLoad(rests, at(v.w), 0).xyz - r;
+    let n = cross(p2, p3);
+    let volume = dot(p1, n);
+    // A flat tet has no gradient.
+    let over = select(1.0 / volume, 0.0, abs(volume) < 1e-30);
+    let c1 = n * over;
+    let c2 = cross(p3, p1) * over;
+    let c3 = cross(p1, p2) * over;
+    carry = mat3x3(
+        c1 * r1.x + c2 * r2.x + c3 * r3.x,
+        c1 * r1.y + c2 * r2.y + c3 * r3.y,
+        c1 * r1.z + c2 * r2.z + c3 * r3.z,
+    );
+}
+
+// The gradient of what scan k shows at a place at rest, as it is where the body is now, in the local
+// frame: of values, or of being the label that is there.
+fn scan_gradient(k: u32, rest: vec3<f32>) -> vec3<f32> {
+    let p = texel_of(k, rest);
+    var g = vec3(0.0);
+    for (var axis = 0u; axis < 3u; axis++) {
+        var off = vec3(0.0);
+        off[axis] = 1.0;
+        if has_labels(k) {
+            let own = label_at(k, p);
+            g[axis] = 0.5 * (select(0.0, 1.0, label_at(k, p + off) == own) - select(0.0, 1.0, label_at(k, p - off) == own));
+        } else {
+            g[axis] = 0.5 * (share_at(k, p + off) - share_at(k, p - off));
+        }
+    }
+    let s = scans[k];
+    return carry * (g.x * s.x.xyz + g.y * s.y.xyz + g.z * s.z.xyz);
+}
+
+// The table coordinate of a share.
+fn coordinate_of(share: f32) -> f32 {
+    return params.scalar.x * share + params.scalar.y;
+}
+
+// A place of a segment, with what the first scan has there.
+fn scan_spot(whole: Segment, u: f32) -> Spot {
+    var spot = between(whole.front, whole.back, u);
+    if !has_labels(0u) {
+        spot.s = coordinate_of(share_at(0u, texel_of(0u, spot.rest)));
+    }
+    return spot;
+}
+
+// Colour and opacity of a stretch in light, where no light was counted before.
+fn in_light(k: u32, seen: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
+    if LIT {
+        if seen.a <= 0.0 {
+            return seen;
+        }
+        var light = shade(params, scan_gradient(k, 0.5 * (part.front.rest + part.back.rest)), ray.way);
+        if SHADOWED {
+            light *= 0.5 * (part.front.bright + part.back.bright);
+        }
+        return vec4(min(light.x * seen.rgb + light.y * seen.a, vec3(seen.a)), seen.a);
+    }
+    return seen;
+}
+
+// What a label looks like: its colour, and in w extinction, over the largest.
+fn label_look(k: u32, p: vec3<f32>) -> vec4<f32> {
+    return textureLoad(colours, at(u32(scans[k].look.z) * COLOURS + label_at(k, p)), 0);
+}
+
+// Colour and opacity of a stretch by scan k, other than values of the first, which planes and
+// isosurfaces know of too.
+fn other_seen(k: u32, part: Segment, ray: Ray) -> vec4<f32> {
+    let front = texel_of(k, part.front.rest);
+    let back = texel_of(k, part.back.rest);
+    let length = length_of(part, ray);
+    if has_labels(k) {
+        let look = label_look(k, 0.5 * (front + back));
+        let alpha = 1.0 - exp2(-look.w * length);
+        return in_light(k, vec4(look.rgb * alpha, alpha), part, ray);
+    }
+    let seen = segment(coordinate_of(share_at(k, front)), coordinate_of(share_at(k, back)), length, u32(scans[k].look.z));
+    return in_light(k, seen, part, ray);
+}
+
+// Two things in one stretch: each hides half of the other, to first order.
+fn mixed(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
+    return vec4(a.rgb * (1.0 - 0.5 * b.a) + b.rgb * (1.0 - 0.5 * a.a), a.a + b.a - a.a * b.a);
+}
+
+// All scans in a stretch that is at most a texel long.
+fn stretch_seen(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
+    var seen = vec4(0.0);
+    let rest = 0.5 * (part.front.rest + part.back.rest);
+    for (var k = 0u; k < SCANS; k++) {
+        if !covers(k, texel_of(k, rest)) {
+            continue;
+        }
+        var own: vec4<f32>;
+        if k == 0u {
+            let values = !has_labels(0u);
+            if CLIPS + SLICES + ISOS > 0u {
+                own = seen_within(part, vec2(0.0, 1.0), row, ray, VOLUME & values);
+            } else if values {
+                own = seen_in_light(part, row, ray);
+            }
+            if VOLUME & !values {
+                own += (1.0 - own.a) * other_seen(0u, part, ray);
+            }
+        } else if VOLUME {
+            own = other_seen(k, part, ray);
+        }
+        seen = select(mixed(seen, own), own, k == 0u);
+    }
+    return seen;
+}
+
+// The part of a segment that scan k covers, from 0 at its front to 1.
+fn covered(k: u32, whole: Segment) -> vec2<f32> {
+    let front = texel_of(k, whole.front.rest);
+    let way = texel_of(k, whole.back.rest) - front;
+    var range = vec2(0.0, 1.0);
+    for (var axis = 0u; axis < 3u; axis++) {
+        let low = -0.5 - front[axis];
+        let high = scans[k].size[axis] - 0.5 - front[axis];
+        if way[axis] == 0.0 {
+            range = select(range, vec2(1.0, 0.0), low > 0.0 || high < 0.0);
+        } else {
+            let a = low / way[axis];
+            let b = high / way[axis];
+            range = vec2(max(range.x, min(a, b)), min(range.y, max(a, b)));
+        }
+    }
+    return range;
+}
+
+// The first place behind u, and up to `stop`, where scan k begins, ends, or has another voxel.
+fn first_stop(k: u32, whole: Segment, u: f32, stop: f32) -> f32 {
+    let range = covered(k, whole);
+    var first = stop;
+    first = select(first, min(first, range.x), range.x > u);
+    first = select(first, min(first, range.y), range.y > u);
+    if has_labels(k) {
+        let front = texel_of(k, whole.front.rest);
+        let way = texel_of(k, whole.back.rest) - front;
+        let ahead = front + way * (u + NUDGE / max(length(way), 1e-6)) + 0.5;
+        for (var axis = 0u; axis < 3u; axis++) {
+            let wall = select(ceil(ahead[axis]) - 1.0, floor(ahead[axis]) + 1.0, way[axis] > 0.0);
+            let at_wall = (wall - 0.5 - front[axis]) / select(way[axis], 1.0, way[axis] == 0.0);
+            first = select(first, min(first, at_wall), way[axis] != 0.0 && at_wall > u);
+        }
+    }
+    return first;
+}
+
+// How a segment is gone through: the part of it that is, and the length of a step, in shares.
+struct Stride {
+    range: vec2<f32>,
+    step: f32,
+}
+
+fn stride(whole: Segment, kept_part: vec2<f32>) -> Stride {
+    var range = kept_part;
+    if SCANS == 1u {
+        let own = covered(0u, whole);
+        range = vec2(max(range.x, own.x), min(range.y, own.y));
+    }
+    var texels = 0.0;
+    for (var k = 0u; k < SCANS; k++) {
+        if !has_labels(k) {
+            texels = max(texels, distance(texel_of(k, whole.front.rest), texel_of(k, whole.back.rest)));
+        }
+    }
+    let span = range.y - range.x;
+    return Stride(range, span / clamp(ceil(texels * span / STEP - NUDGE), 1.0, f32(MOST_STOPS / 2u)));
+}
+
+// Where the stretch that begins at u ends.
+fn next_stop(whole: Segment, way: Stride, u: f32) -> f32 {
+    var stop = way.range.x + way.step * (floor((u - way.range.x) / way.step + NUDGE) + 1.0);
+    if (SCANS > 1u) | LABELS {
+        for (var k = 0u; k < SCANS; k++) {
+            stop = first_stop(k, whole, u, stop);
+        }
+    }
+    stop = max(stop, u + NUDGE * NUDGE * way.step);
+    return select(stop, way.range.y, stop + NUDGE * way.step >= way.range.y);
+}
+
+// Colour and opacity of a segment; `row` is that of its tet, and `before` how opaque what is before
+// it is.
+fn scans_seen(whole: Segment, row: u32, ray: Ray, before: f32) -> vec4<f32> {
+    var range = vec2(0.0, 1.0);
+    if CLIPS > 0u {
+        range = kept(whole, ray);
+    }
+    var seen = vec4(0.0);
+    if range.x >= range.y {
+        return seen;
+    }
+    if (row & CLEAR) != 0u {
+        if SLICES > 0u {
+            // No isosurface is in it, so the scalar is none of it: planes are all there is.
+            var plain = whole;
+            plain.front.s = 0.0;
+            plain.back.s = 0.0;
+            return seen_within(plain, range, row & ~CLEAR, ray, false);
+        }
+        return seen;
+    }
+    let way = stride(whole, range);
+    if way.range.x >= way.range.y {
+        return seen;
+    }
+    if LIT {
+        set_carry(whole.tet);
+    }
+    var u = way.range.x;
+    var here = scan_spot(whole, u);
+    for (var i = 0u; i < MOST_STOPS; i++) {
+        let stop = next_stop(whole, way, u);
+        let there = scan_spot(whole, stop);
+        seen += (1.0 - seen.a) * stretch_seen(Segment(here, there, whole.tet), row, ray);
+        if (stop >= way.range.y) | (before + (1.0 - before) * seen.a > OPAQUE) {
+            break;
+        }
+        here = there;
+        u = stop;
+    }
+    return seen;
+}
+
+// What a plane shows of the scans: the first, in the colours of its transfer function, and the labels
+// of others half over it.
+fn scans_sliced(spot: Spot, row: u32) -> vec4<f32> {
+    var seen = vec4(0.0);
+    for (var k = 0u; k < SCANS; k++) {
+        let p = texel_of(k, spot.rest);
+        if !covers(k, p) {
+            continue;
+        }
+        if has_labels(k) {
+            let look = label_look(k, p);
+            let share = select(select(0.5, 1.0, seen.a == 0.0), 0.0, look.w <= 0.0);
+            seen = mix(seen, vec4(look.rgb, 1.0), share);
+        } else if k == 0u {
+            seen = vec4(colour_of(coordinate_of(share_at(0u, p)), row), 1.0);
+        }
+    }
+    return seen;
+}
+
+// The largest, least or mean value of the first scan, so far.
+fn scans_projected(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
+    var own = sum;
+    let way = stride(whole, vec2(0.0, 1.0));
+    if way.range.x >= way.range.y || has_labels(0u) {
+        return own;
+    }
+    let range = covered(0u, whole);
+    var u = way.range.x;
+    var here = scan_spot(whole, u);
+    for (var i = 0u; i < MOST_STOPS; i++) {
+        let stop = next_stop(whole, way, u);
+        let there = scan_spot(whole, stop);
+        let middle = 0.5 * (u + stop);
+        if (middle >= range.x) & (middle <= range.y) {
+            own = projected_scalar(own, Segment(here, there, whole.tet), ray);
+        }
+        if stop >= way.range.y {
+            break;
+        }
+        here = there;
+        u = stop;
+    }
+    return own;
+}

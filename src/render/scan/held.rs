@@ -1,0 +1,283 @@
+//! Scans as a raycaster keeps them.
+
+use super::labels::{LabelLook, Numbered};
+use super::ranges::Pyramid;
+use super::texture::{Texels, texture};
+use super::{MOST_SCANS, Scan, ScanLook};
+use crate::gpu::Gpu;
+use crate::mesh::{LocalFrame, TetMesh};
+use crate::render::table::TableRow;
+use crate::render::{ResolvedTransfer, TransferFunction};
+use crate::{Error, Result, parallel};
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
+
+mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/terms/scan.wgsl`.
+        pub struct Scan {
+            pub x: [f32; 4],
+            pub y: [f32; 4],
+            pub z: [f32; 4],
+            pub size: [f32; 4],
+            pub look: [f32; 4],
+        }
+    }
+}
+
+/// Parts of the range that are told apart where it is asked what is frequent, and texels that are
+/// looked at for it.
+const SPREAD: usize = 256;
+const TEXELS_OF_SPREAD: usize = 1 << 18;
+/// What the table rounds scalars by, of its range, and half floats texels.
+const ROUNDING: f64 = 1.0 / 2000.0;
+const TEXEL_ROUNDING: f64 = 1.0 / 2048.0;
+
+/// All scans of a picture.
+pub(in crate::render) struct Held {
+    pub scans: Vec<Scan>,
+    parts: Vec<Part>,
+    /// Their voxels.
+    pub texture: wgpu::TextureView,
+    pub sampler: wgpu::Sampler,
+    /// Tets of the mesh that it was made for.
+    tets: usize,
+    /// What had to be left out.
+    pub notes: Vec<String>,
+}
+
+/// What is kept of a scan beside its texels.
+struct Part {
+    /// From places at rest, in file units.
+    texel_from_rest: DAffine3,
+    size: [usize; 3],
+    first: u32,
+    /// The values of texels −1 and 1, of values.
+    ends: (f64, f64),
+    numbered: Option<Numbered>,
+    spread: Arc<[f64]>,
+    /// Bounds of the texels in each tet of the mesh.
+    of_tets: Vec<Option<[f32; 2]>>,
+}
+
+impl Held {
+    /// `scans`, which `mesh` carries.
+    pub fn new(gpu: &Gpu, mesh: &TetMesh, scans: &[Scan]) -> Result<Held> {
+        if !(1..=MOST_SCANS).contains(&scans.len()) {
+            return Err(Error::Input(format!(
+                "{} scans: a picture has up to {MOST_SCANS}",
+                scans.len()
+            )));
+        }
+        scans.iter().try_for_each(|scan| scan.check(mesh))?;
+        let (texture, texels, notes) = texture(gpu, scans)?;
+        let parts = scans.iter().zip(texels);
+        Ok(Held {
+            parts: parts
+                .map(|(scan, texels)| Part::new(scan, texels, mesh))
+                .collect(),
+            scans: scans.to_vec(),
+            texture,
+            sampler: gpu.device().create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("scans"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            tets: mesh.tets.len(),
+            notes,
+        })
+    }
+
+    /// Tets of the mesh that it was made for.
+    pub fn tets(&self) -> usize {
+        self.tets
+    }
+
+    /// Whether the first one shows values, by this transfer function.
+    pub fn transfer(&self) -> Option<&TransferFunction> {
+        match &self.scans[0].look {
+            ScanLook::Values { transfer, .. } => Some(transfer),
+            ScanLook::Labels(_) => None,
+        }
+    }
+
+    /// Whether any of them has labels.
+    pub fn has_labels(&self) -> bool {
+        self.parts.iter().any(|part| part.numbered.is_some())
+    }
+
+    /// The least distance between two texels, in file units.
+    pub fn finest(&self) -> f64 {
+        let spacing = |part: &Part| {
+            let axes = part.texel_from_rest.inverse().matrix3;
+            axes.x_axis
+                .length()
+                .min(axes.y_axis.length())
+                .min(axes.z_axis.length())
+        };
+        self.parts.iter().map(spacing).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The rows of the table: the first scan by each of `transfers`, then the others.
+    pub fn rows(&self, transfers: &[TransferFunction], extent: f64) -> Vec<TableRow> {
+        let row = |k: usize, transfer: &TransferFunction| {
+            let range = self.scans[k].range();
+            TableRow {
+                transfer: transfer.resolved(range, extent),
+                range,
+                spread: self.parts[k].spread.clone(),
+            }
+        };
+        let first = transfers.iter().map(|t| row(0, t));
+        // A row of labels stands for the densest of them.
+        let labels = |k: usize, part: &Part| {
+            let looks = part.looks(&self.scans[k].look);
+            let most = looks.iter().map(|l| l.extinction).fold(0.0, f64::max);
+            TableRow {
+                transfer: ResolvedTransfer::dense(most),
+                range: self.scans[k].range(),
+                spread: self.parts[k].spread.clone(),
+            }
+        };
+        let others = self.scans.iter().zip(&self.parts).enumerate();
+        let others = others.filter_map(|(k, (scan, part))| match &scan.look {
+            ScanLook::Labels(_) => Some(labels(k, part)),
+            ScanLook::Values { transfer, .. } if k > 0 => Some(row(k, transfer)),
+            ScanLook::Values { .. } => None,
+        });
+        first.chain(others).collect()
+    }
+
+    /// The colours of labels, by the row of the table that stands for them, after `first` rows.
+    pub fn label_rows(&self, first: usize) -> Vec<(usize, Vec<LabelLook>)> {
+        let rows = self.row_of_scans(first);
+        let all = self.scans.iter().zip(&self.parts).zip(rows);
+        all.filter(|((_, part), _)| part.numbered.is_some())
+            .map(|((scan, part), row)| (row, part.looks(&scan.look)))
+            .collect()
+    }
+
+    /// The row of each scan, where the first scan has `first` of them.
+    fn row_of_scans(&self, first: usize) -> Vec<usize> {
+        let mut next = first;
+        let parts = self.parts.iter().enumerate();
+        parts
+            .map(|(k, part)| match (k, &part.numbered) {
+                (0, None) => 0,
+                _ => {
+                    next += 1;
+                    next - 1
+                }
+            })
+            .collect()
+    }
+
+    /// As `terms/scan.wgsl` reads them.
+    pub fn to_gpu(&self, gpu: &Gpu, frame: LocalFrame, first: usize) -> Result<wgpu::Buffer> {
+        let to_file = DAffine3::from_translation(frame.origin)
+            * DAffine3::from_scale(DVec3::splat(frame.scale));
+        let rows = self.row_of_scans(first);
+        let parts = self.scans.iter().zip(&self.parts).zip(rows);
+        let items: Vec<gpu_data::Scan> = parts
+            .map(|((scan, part), row)| {
+                let m = part.texel_from_rest * to_file;
+                let axis = |k: usize| {
+                    let row = m.matrix3.row(k);
+                    row.extend(m.translation[k]).as_vec4().to_array()
+                };
+                let (low, high) = scan.range();
+                let per_texel = 0.5 * (part.ends.1 - part.ends.0) / (high - low);
+                let shift = (part.ends.0 - low) / (high - low) + per_texel;
+                let [nx, ny, nz] = part.size.map(|n| n as f32);
+                let labels = f32::from(u8::from(part.numbered.is_some()));
+                gpu_data::Scan {
+                    x: axis(0),
+                    y: axis(1),
+                    z: axis(2),
+                    size: [nx, ny, nz, part.first as f32],
+                    look: [per_texel as f32, shift as f32, row as f32, labels],
+                }
+            })
+            .collect();
+        gpu.buffer_of("places of scans", &items)
+    }
+
+    /// Of each tet of the mesh whether all scans are transparent in it, and the first has none of
+    /// `values`. Of `rows` the first scan has `first`, and `row` tells which in a tet.
+    pub fn clear(
+        &self,
+        rows: &[TableRow],
+        first: usize,
+        row: &(dyn Fn(usize) -> usize + Sync),
+        values: &[f64],
+    ) -> Vec<bool> {
+        let of_scans = self.row_of_scans(first);
+        let looks: Vec<Vec<LabelLook>> = self
+            .scans
+            .iter()
+            .zip(&self.parts)
+            .map(|(scan, part)| part.looks(&scan.look))
+            .collect();
+        parallel::map(self.tets, |t| {
+            self.parts.iter().enumerate().all(|(k, part)| {
+                let Some([low, high]) = part.of_tets[t] else {
+                    return true;
+                };
+                if part.numbered.is_some() {
+                    let shown = |look: &LabelLook| look.extinction > 0.0;
+                    return !looks[k][low as usize..=high as usize].iter().any(shown);
+                }
+                let TableRow {
+                    transfer, range, ..
+                } = &rows[match k {
+                    0 => row(t),
+                    k => of_scans[k],
+                }];
+                let off =
+                    ROUNDING * (range.1 - range.0) + TEXEL_ROUNDING * (part.ends.1 - part.ends.0);
+                let [low, high] = [part.value(low) - off, part.value(high) + off];
+                let met = k == 0 && values.iter().any(|v| (low..=high).contains(v));
+                let [low, high] = [low, high].map(|v| v.clamp(range.0, range.1));
+                !met && transfer.max_extinction_between(low, high) <= 0.0
+            })
+        })
+    }
+}
+
+impl Part {
+    fn new(scan: &Scan, texels: Texels, mesh: &TetMesh) -> Part {
+        let texel_from_rest = texels.texel_from_voxel() * scan.voxel_from_rest();
+        let of_tets = Pyramid::new(&texels).of_tets(mesh, texel_from_rest);
+        let (low, high) = scan.range();
+        let mut spread = vec![0.0; SPREAD];
+        let every = texels.values.len().div_ceil(TEXELS_OF_SPREAD).max(1);
+        for texel in texels.values.iter().step_by(every) {
+            let share = (texels.value(f64::from(*texel)) - low) / (high - low);
+            spread[((share * SPREAD as f64).max(0.0) as usize).min(SPREAD - 1)] += 1.0;
+        }
+        let whole: f64 = spread.iter().sum();
+        spread.iter_mut().for_each(|part| *part /= whole.max(1.0));
+        Part {
+            texel_from_rest,
+            size: texels.size,
+            first: texels.first,
+            ends: texels.ends,
+            numbered: texels.numbered,
+            spread: spread.into(),
+            of_tets,
+        }
+    }
+
+    /// The value that a texel stands for.
+    fn value(&self, texel: f32) -> f64 {
+        self.ends.0 + 0.5 * (f64::from(texel) + 1.0) * (self.ends.1 - self.ends.0)
+    }
+
+    fn looks(&self, look: &ScanLook) -> Vec<LabelLook> {
+        match (look, &self.numbered) {
+            (ScanLook::Labels(looks), Some(numbered)) => numbered.looks(looks),
+            _ => Vec::new(),
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! What labels look like.
+
+use crate::volume::Volume;
+use crate::{Error, Result, parallel};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Labels that a texture can number.
+const MOST: usize = 1024;
+
+/// What a label of a [`Scan`](super::Scan) looks like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LabelLook {
+    /// Red, green and blue, from 0 to 1.
+    pub colour: [f64; 3],
+    /// Extinction per unit of length of the mesh.
+    pub extinction: f64,
+}
+
+impl LabelLook {
+    pub(super) fn check(&self, label: i64) -> Result<()> {
+        let unit = |x: &f64| (0.0..=1.0).contains(x);
+        let sound = self.colour.iter().all(unit)
+            && self.extinction.is_finite()
+            && (0.0..1e30).contains(&self.extinction);
+        match sound {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "label {label} has the colour {:?} and the extinction {}; give numbers from 0 to 1, and one that is finite and not negative",
+                self.colour, self.extinction
+            ))),
+        }
+    }
+}
+
+/// The labels of a volume, numbered in their order.
+#[derive(Clone, Debug)]
+pub(super) struct Numbered {
+    labels: Vec<i64>,
+}
+
+impl Numbered {
+    /// Those of `volume`.
+    pub fn of(volume: &Volume) -> Result<Numbered> {
+        let found = parallel::collect(volume.voxels(), |range, parts| {
+            let mut own: Option<BTreeSet<i64>> = Some(BTreeSet::new());
+            let mut last = None;
+            for n in range {
+                let value = volume.value(n);
+                if last == Some(value) {
+                    continue;
+                }
+                last = Some(value);
+                let whole = value.fract() == 0.0 && value.abs() < 1e15;
+                own = own.filter(|own| whole && own.len() <= MOST);
+                if let Some(own) = &mut own {
+                    own.insert(value as i64);
+                }
+            }
+            parts.push(own);
+        });
+        let mut all = BTreeSet::new();
+        for part in found {
+            match part {
+                Some(labels) => all.extend(labels),
+                None => all.extend(0..=MOST as i64),
+            }
+        }
+        if all.len() > MOST {
+            return Err(Error::Input(format!(
+                "the scan is no map of labels: it has numbers that are not whole, or more than {MOST} different ones; show its values"
+            )));
+        }
+        Ok(Numbered {
+            labels: all.into_iter().collect(),
+        })
+    }
+
+    /// The number of the label that a voxel has.
+    pub fn number(&self, value: f64) -> usize {
+        let below = self.labels.partition_point(|l| *l < value as i64);
+        below.min(self.labels.len() - 1)
+    }
+
+    /// What each number looks like; extinction 0 where it is not seen.
+    pub fn looks(&self, looks: &BTreeMap<i64, LabelLook>) -> Vec<LabelLook> {
+        let unseen = LabelLook {
+            colour: [0.0; 3],
+            extinction: 0.0,
+        };
+        let look = |label| looks.get(label).copied().unwrap_or(unseen);
+        self.labels.iter().map(look).collect()
+    }
+}

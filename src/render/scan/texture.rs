@@ -1,0 +1,237 @@
+//! The voxels of all scans of a picture, one after the other along z in one texture of half floats:
+//! values from -1 to 1 over all that occur, or numbers of labels. What does not fit the device is
+//! halved until it does.
+
+use super::labels::Numbered;
+use super::{Scan, ScanLook};
+use crate::gpu::Gpu;
+use crate::volume::Volume;
+use crate::{Error, Result, parallel};
+use glam::{DAffine3, DVec3};
+use half::f16;
+
+/// Bytes that are sent at a time.
+const SENT_AT_ONCE: usize = 32 << 20;
+/// Voxels that are made one along each axis, at most.
+const COARSEST: usize = 64;
+
+/// The voxels of a scan as the texture has them.
+pub(super) struct Texels {
+    /// How many voxels are one texel along each axis.
+    pub merged: [usize; 3],
+    /// Texels along each axis.
+    pub size: [usize; 3],
+    /// i running fastest, then j, then k.
+    pub values: Vec<f16>,
+    /// The value of texel −1, and of 1, of values.
+    pub ends: (f64, f64),
+    /// Of labels.
+    pub numbered: Option<Numbered>,
+    /// Where they begin in the texture, along z.
+    pub first: u32,
+}
+
+impl Texels {
+    /// Those of `scan`, so many voxels in each.
+    fn of(scan: &Scan, merged: [usize; 3]) -> Result<Texels> {
+        let volume = &*scan.volume;
+        let size: [usize; 3] = std::array::from_fn(|k| volume.size[k].div_ceil(merged[k]));
+        let numbered = match &scan.look {
+            ScanLook::Labels(_) => Some(Numbered::of(volume)?),
+            ScanLook::Values { .. } => None,
+        };
+        let Some(ends) = volume.range() else {
+            return Err(Error::Input(
+                "the scan has no voxel whose value is a finite number".into(),
+            ));
+        };
+        let span = if ends.1 > ends.0 {
+            ends.1 - ends.0
+        } else {
+            1.0
+        };
+        let ends = (ends.0, ends.0 + span);
+        let values = parallel::map(size.iter().product(), |n| {
+            let low = [
+                n % size[0] * merged[0],
+                n / size[0] % size[1] * merged[1],
+                n / size[0] / size[1] * merged[2],
+            ];
+            f16::from_f64(match &numbered {
+                Some(numbered) => most_frequent(volume, low, merged, numbered) as f64,
+                None => 2.0 * (mean(volume, low, merged).unwrap_or(ends.0) - ends.0) / span - 1.0,
+            })
+        });
+        Ok(Texels {
+            merged,
+            size,
+            values,
+            ends,
+            numbered,
+            first: 0,
+        })
+    }
+
+    /// From voxels to texels.
+    pub fn texel_from_voxel(&self) -> DAffine3 {
+        let merged = DVec3::from(self.merged.map(|n| n as f64));
+        DAffine3::from_scale(merged.recip())
+            * DAffine3::from_translation(-0.5 * (merged - DVec3::ONE))
+    }
+
+    /// The value that a texel stands for.
+    pub fn value(&self, texel: f64) -> f64 {
+        self.ends.0 + 0.5 * (texel + 1.0) * (self.ends.1 - self.ends.0)
+    }
+}
+
+/// The voxels of `volume` that one texel stands for.
+fn block(
+    volume: &Volume,
+    low: [usize; 3],
+    merged: [usize; 3],
+) -> impl Iterator<Item = f64> + use<'_> {
+    let [nx, ny, nz] = volume.size;
+    let along = move |k: usize, n: usize| low[k]..(low[k] + merged[k]).min(n);
+    along(2, nz).flat_map(move |z| {
+        along(1, ny)
+            .flat_map(move |y| along(0, nx).map(move |x| volume.value(x + nx * (y + ny * z))))
+    })
+}
+
+/// Of those that are finite.
+fn mean(volume: &Volume, low: [usize; 3], merged: [usize; 3]) -> Option<f64> {
+    let finite = block(volume, low, merged).filter(|v| v.is_finite());
+    let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+    (count > 0.0).then(|| sum / count)
+}
+
+/// The number that most of them have, and of as many the least.
+fn most_frequent(
+    volume: &Volume,
+    low: [usize; 3],
+    merged: [usize; 3],
+    numbered: &Numbered,
+) -> usize {
+    let mut numbers: Vec<usize> = block(volume, low, merged)
+        .map(|v| numbered.number(v))
+        .collect();
+    numbers.sort_unstable();
+    let runs = numbers.chunk_by(|a, b| a == b);
+    // The last of equal ones is what max_by_key gives.
+    let best = runs.rev().max_by_key(|run| run.len());
+    best.map_or(0, |run| run[0])
+}
+
+/// The texture of all scans, what it holds of each, and what had to be left out, in words.
+pub(super) fn texture(
+    gpu: &Gpu,
+    scans: &[Scan],
+) -> Result<(wgpu::TextureView, Vec<Texels>, Vec<String>)> {
+    let limit = gpu.device().limits().max_texture_dimension_3d as usize;
+    // As few voxels in a texel as the sides of a texture allow.
+    let side = |n: usize| {
+        let mut merged = 1;
+        while n.div_ceil(merged) > limit {
+            merged *= 2;
+        }
+        merged
+    };
+    let mut merged: Vec<[usize; 3]> = scans.iter().map(|s| s.volume.size.map(side)).collect();
+    loop {
+        let mut parts = Vec::new();
+        let mut size = [1usize, 1, 0];
+        for (scan, merged) in scans.iter().zip(&merged) {
+            let own: [usize; 3] = std::array::from_fn(|k| scan.volume.size[k].div_ceil(merged[k]));
+            size = [size[0].max(own[0]), size[1].max(own[1]), size[2] + own[2]];
+        }
+        let made = match size[2] <= limit {
+            true => make(gpu, size),
+            false => Err(Error::Gpu(format!(
+                "scans of {} layers do not fit a texture of {limit}",
+                size[2]
+            ))),
+        };
+        let texture = match made {
+            Ok(texture) => texture,
+            Err(why) => {
+                let largest = merged.iter_mut().zip(scans);
+                let largest = largest.max_by_key(|(m, scan)| {
+                    scan.volume.voxels() / m.iter().product::<usize>().max(1)
+                });
+                let Some((largest, _)) = largest.filter(|(m, _)| m.iter().all(|n| *n < COARSEST))
+                else {
+                    return Err(why);
+                };
+                largest.iter_mut().for_each(|n| *n *= 2);
+                continue;
+            }
+        };
+        let mut first = 0;
+        for (scan, merged) in scans.iter().zip(&merged) {
+            let mut texels = Texels::of(scan, *merged)?;
+            texels.first = first;
+            first += texels.size[2] as u32;
+            send(gpu, &texture, &texels);
+            parts.push(texels);
+        }
+        let notes = scans.iter().zip(&parts).filter_map(said).collect();
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        return Ok((view, parts, notes));
+    }
+}
+
+fn make(gpu: &Gpu, size: [usize; 3]) -> Result<wgpu::Texture> {
+    gpu.volume_texture(
+        "scans",
+        size.map(|n| n as u32),
+        wgpu::TextureFormat::R16Float,
+        wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+    )
+}
+
+/// What is said of a scan that was made coarser.
+fn said((scan, texels): (&Scan, &Texels)) -> Option<String> {
+    (texels.merged != [1; 3]).then(|| {
+        let times = |n: [usize; 3]| n.map(|n| n.to_string()).join(" x ");
+        format!(
+            "a scan of {} voxels does not fit the device: {} of them are one where it is drawn, {} in all",
+            times(scan.volume.size),
+            times(texels.merged),
+            times(texels.size)
+        )
+    })
+}
+
+fn send(gpu: &Gpu, texture: &wgpu::Texture, texels: &Texels) {
+    let [nx, ny, nz] = texels.size;
+    let layers = (SENT_AT_ONCE / (2 * nx * ny)).max(1);
+    for z in (0..nz).step_by(layers) {
+        let count = layers.min(nz - z);
+        gpu.queue().write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d {
+                    x: 0,
+                    y: 0,
+                    z: texels.first + z as u32,
+                },
+                aspect: wgpu::TextureAspect::All,
+            },
+            bytemuck::cast_slice(&texels.values[z * nx * ny..(z + count) * nx * ny]),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(2 * nx as u32),
+                rows_per_image: Some(ny as u32),
+            },
+            wgpu::Extent3d {
+                width: nx as u32,
+                height: ny as u32,
+                depth_or_array_layers: count as u32,
+            },
+        );
+        // What is sent is kept until it is submitted.
+        gpu.queue().submit([]);
+    }
+}
