@@ -73,11 +73,20 @@ fn nearer(best: Met, after: Met, which: u32, ends: vec2<f32>) -> Met {
     return best;
 }
 
-fn next_met(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
+fn next_slice(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
     var best = Met(until, 0u);
     for (var k = 0u; k < SLICES; k++) {
         let ends = vec2(beyond(CLIPS + k, part.front, ray), beyond(CLIPS + k, part.back, ray));
         best = nearer(best, after, k + 1u, ends);
+    }
+    return best;
+}
+
+fn next_met(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
+    var best = Met(until, 0u);
+    // Scans look for slices in the whole of a segment.
+    if !SCANNED {
+        best = next_slice(part, ray, after, until);
     }
     for (var k = 0u; k < ISOS; k++) {
         let s = textureLoad(cuts, at(2u * (CLIPS + SLICES + k)), 0).x;

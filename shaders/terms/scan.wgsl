@@ -192,7 +192,7 @@ fn stretch_seen(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
         var own: vec4<f32>;
         if k == 0u {
             let values = !has_labels(0u);
-            if CLIPS + SLICES + ISOS > 0u {
+            if ISOS > 0u {
                 own = seen_within(part, vec2(0.0, 1.0), row, ray, VOLUME & values);
             } else if values {
                 own = seen_in_light(part, row, ray);
@@ -291,32 +291,42 @@ fn scans_seen(whole: Segment, row: u32, ray: Ray, before: f32) -> vec4<f32> {
     if range.x >= range.y {
         return seen;
     }
-    if (row & CLEAR) != 0u {
-        if SLICES > 0u {
-            // No isosurface is in it, so the scalar is none of it: planes are all there is.
-            var plain = whole;
-            plain.front.s = 0.0;
-            plain.back.s = 0.0;
-            return seen_within(plain, range, row & ~CLEAR, ray, false);
-        }
+    let clear = (row & CLEAR) != 0u;
+    if clear & (SLICES == 0u) {
         return seen;
     }
+    let own = row & ~CLEAR;
     let way = stride(whole, range);
     if way.range.x >= way.range.y {
         return seen;
     }
-    if LIT {
+    if LIT & !clear {
         set_carry(whole.tet);
     }
     var u = way.range.x;
     var here = scan_spot(whole, u);
+    var met = Met(u, 0u);
     for (var i = 0u; i < MOST_STOPS; i++) {
-        let stop = next_stop(whole, way, u);
+        var stop = way.range.y;
+        if !clear {
+            stop = next_stop(whole, way, u);
+        }
+        var slice = Met(stop, 0u);
+        if SLICES > 0u {
+            slice = next_slice(whole, ray, met, stop);
+            stop = slice.u;
+        }
         let there = scan_spot(whole, stop);
-        seen += (1.0 - seen.a) * stretch_seen(Segment(here, there, whole.tet), row, ray);
-        if (stop >= way.range.y) | (before + (1.0 - before) * seen.a > OPAQUE) {
+        if !clear & (stop > u) {
+            seen += (1.0 - seen.a) * stretch_seen(Segment(here, there, whole.tet), own, ray);
+        }
+        if slice.which != 0u {
+            seen += (1.0 - seen.a) * surface_seen(slice.which, there, own, ray);
+        }
+        if ((stop >= way.range.y) & (slice.which == 0u)) | (before + (1.0 - before) * seen.a > OPAQUE) {
             break;
         }
+        met = Met(stop, slice.which);
         here = there;
         u = stop;
     }

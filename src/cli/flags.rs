@@ -4,7 +4,7 @@ use clap::Args;
 use palpate::annotate::Axes;
 use palpate::physics::{EngineChoice, MaterialModel, VolumeModel};
 use palpate::render::{Isosurface, Light};
-use palpate::scene::{IsosurfaceEntry, PlaneEntry, Scene, Unit};
+use palpate::scene::{IsosurfaceEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -16,6 +16,11 @@ pub struct SceneFlags {
     /// energy_density
     #[arg(long, help_heading = "Picture")]
     pub field: Option<String>,
+    /// Volume that the body carries, shown in place of its fields at its own resolution (.nrrd,
+    /// .nii.gz, .mha, a folder of DICOM slices …): it lies where its header says, in RAS mm, and the
+    /// body at rest in it; may be given more than once, and --transfer and --range are the first's
+    #[arg(long, value_name = "VOLUME", help_heading = "Picture")]
+    pub scan: Vec<PathBuf>,
     /// Smallest and largest value of the field, LOW,HIGH, which stand for what is beyond them
     #[arg(long, help_heading = "Picture", value_parser = pair, allow_hyphen_values = true)]
     pub range: Option<Pair>,
@@ -250,6 +255,13 @@ impl SceneFlags {
             scene.picture.range = None;
         }
         over(given.field, &mut scene.picture.field);
+        if !given.scan.is_empty() {
+            let entry = |file: &PathBuf| ScanEntry {
+                file: file.clone(),
+                ..ScanEntry::default()
+            };
+            scene.scan = given.scan.iter().map(entry).collect();
+        }
         over(given.range.map(|r| r.0), &mut scene.picture.range);
         if !given.write_fields.is_empty() {
             scene.output.fields = given.write_fields;

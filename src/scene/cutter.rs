@@ -121,6 +121,7 @@ impl Stage {
                 let looks = self.scene.region_looks(mesh, topology, &transfer)?;
                 self.raycaster.set_regions(looks.as_ref())?;
             }
+            self.raycaster.follow_scans(mesh)?;
             self.surface
                 .follow(self.raycaster.geometry(), &self.scalars.values)?;
         }

@@ -52,6 +52,7 @@ mod picture;
 mod reactions;
 mod region;
 mod regions;
+mod scan;
 mod shown;
 mod simulator;
 mod skin;
@@ -137,6 +138,9 @@ pub struct Scene {
     /// Surfaces that the body carries.
     #[serde(default)]
     pub skin: Vec<SkinEntry>,
+    /// Volumes that the body carries, shown in place of its fields.
+    #[serde(default, deserialize_with = "entries::scans")]
+    pub scan: Vec<ScanEntry>,
     /// The view; the whole mesh is framed where nothing else is said.
     #[serde(default)]
     pub camera: CameraEntry,
@@ -229,6 +233,12 @@ impl Scene {
             skin.file = folder.join(&skin.file);
             for map in [&mut skin.normal_map, &mut skin.height_map] {
                 *map = map.take().map(|file| folder.join(file));
+            }
+        }
+        for scan in &mut scene.scan {
+            scan.file = folder.join(&scan.file);
+            if let Some(json) = scan.transfer.as_mut().filter(|t| t.ends_with(".json")) {
+                *json = folder.join(&json).to_string_lossy().into_owned();
             }
         }
         for transfer in scene.picture.transfer_files() {

@@ -37,17 +37,18 @@ impl Scene {
         gpu: &Gpu,
         mesh: &TetMesh,
         topology: &Topology,
-        seen: &ScalarField,
+        (seen, scans): (&ScalarField, &[Scan]),
         nodes: &Nodes,
         notes: &mut Vec<String>,
     ) -> Result<(Raycaster, Surface)> {
         let (positions, frame) = (nodes.array(), nodes.frame());
         let mut geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
-        if self.picture.range.is_some() {
+        if self.picture.range.is_some() && scans.is_empty() {
             geometry.set_scalars(mesh, seen.scalars(), seen.range)?;
         }
         let transfer = self.transfer(seen)?;
-        let colour = match self.picture.field.is_some() || self.picture.transfer.is_some() {
+        let coloured = self.picture.field.is_some() || self.picture.transfer.is_some();
+        let colour = match coloured && scans.is_empty() {
             true => SurfaceColour::Field(transfer.clone()),
             false => SurfaceColour::Plain(SKIN_COLOUR),
         };
@@ -59,20 +60,24 @@ impl Scene {
         if mode != composite && !with_isosurfaces {
             options.light = Light::None;
         }
+        // Scans have gradients of their own.
+        let from_nodes = scans.is_empty() || options.shadows > 0.0;
         if options.light.is_on()
+            && from_nodes
             && let Err(why) = geometry.illuminate(mesh, topology, seen.scalars())
         {
             notes.push(format!("drawn without light: {why}"));
             options.light = Light::None;
         }
         let inside = self.inside(mode, notes)?;
-        if inside.needs_rest() {
+        if inside.needs_rest() || !scans.is_empty() {
             geometry.remember_rest(mesh)?;
         }
         if mode == DisplayMode::Surface {
             surface.set_inside(&inside, &geometry)?;
         }
         let mut raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
+        notes.extend(raycaster.set_scans(mesh, scans)?);
         raycaster.set_inside(&inside)?;
         let looks = self.region_looks(mesh, topology, &transfer)?;
         if looks.is_some() {
@@ -139,6 +144,9 @@ impl Scene {
 
     /// The scene's transfer function, or what suits `seen`.
     pub(crate) fn transfer(&self, seen: &ScalarField) -> Result<TransferFunction> {
+        if let Some(own) = seen.transfer.as_ref().filter(|_| !self.scan.is_empty()) {
+            return Ok(own.clone());
+        }
         match (&self.picture.transfer, &seen.transfer) {
             (Some(named), _) => self.named_transfer(named),
             (None, Some(own)) => Ok(own.clone()),

@@ -87,7 +87,7 @@ impl Regions {
 }
 
 /// The colour of region `i`.
-fn colour_of(i: usize) -> [u8; 3] {
+pub(super) fn colour_of(i: usize) -> [u8; 3] {
     let tint = TINTS[i / COLOURS.len() % TINTS.len()];
     COLOURS[i % COLOURS.len()].map(|c| {
         let c = f64::from(c);

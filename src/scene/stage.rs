@@ -7,6 +7,7 @@ use super::cutter::Cutter;
 use super::drawing::CachedFrame;
 use super::drawn_tool::DrawnTool;
 use super::picture::{DisplayMode, SIZE};
+use super::scan::Scans;
 use super::shown::{self, Shown};
 use super::skin::carrier;
 use super::{Motion, ScalarField, Scene, ToolEntry};
@@ -182,14 +183,25 @@ impl Stage {
             notes.push(still.into());
         }
         shown::check_asked(scene, &drive)?;
-        let (shown, scalars) = match Shown::new(scene, &drive)? {
-            Some((shown, scalars)) => (Some(shown), scalars),
-            None => (None, scene.scalar_field(mesh, topology)?),
+        let (scans, shown, scalars) = match scene.scans(mesh)? {
+            Some(Scans {
+                scans,
+                seen,
+                notes: said,
+            }) => {
+                notes.extend(said);
+                (scans, None, seen)
+            }
+            None => match Shown::new(scene, &drive)? {
+                Some((shown, scalars)) => (Vec::new(), Some(shown), scalars),
+                None => (Vec::new(), None, scene.scalar_field(mesh, topology)?),
+            },
         };
         notes.extend(scalars.note.clone());
         notes.extend(said);
         let nodes = drive.nodes();
-        let painters = scene.painters(gpu, mesh, topology, &scalars, nodes, &mut notes)?;
+        let seen = (&scalars, scans.as_slice());
+        let painters = scene.painters(gpu, mesh, topology, seen, nodes, &mut notes)?;
         let (raycaster, surface) = painters;
         let size = scene.picture.size.unwrap_or(SIZE);
         let reach = match &drive {

@@ -6,6 +6,7 @@ mod inside;
 mod load;
 mod output;
 mod picture;
+mod scan;
 mod tool;
 
 pub use acting::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry};
@@ -14,4 +15,6 @@ pub use inside::{IsosurfaceEntry, PlaneEntry};
 pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
 pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionLookEntry};
+pub(in crate::scene) use scan::scans;
+pub use scan::{LabelLookEntry, ScanEntry};
 pub use tool::{BoxEntry, CapsuleEntry, ContactEntry, PlaneShapeEntry, SphereEntry, ToolEntry};

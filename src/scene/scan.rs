@@ -1,0 +1,278 @@
+//! The scans of a scene, read and ready to be carried.
+
+use super::regions::colour_of;
+use super::{LabelLookEntry, ScalarField, ScanEntry, Scene, Unit};
+use crate::mesh::TetMesh;
+use crate::render::{LabelLook, Scan, ScanLook, TransferFunction, named_colour};
+use crate::volume::Volume;
+use crate::{Error, Result, io};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Different whole numbers up to which a scan is taken for a map of labels.
+const FEW: usize = 64;
+/// The opacity of a ray's mean way through a label, alone and beside other scans.
+const ALONE: f64 = 0.9;
+const BESIDE: f64 = 0.5;
+/// What a label of opacity 1 lets through.
+const CLEAR: f64 = 1e-4;
+/// A surface of voxels is so much larger than the smooth one it stands for, on average.
+const STAIRS: f64 = 1.5;
+/// Half of the scalars that take the colour of one label in a legend.
+const PLATEAU: f64 = 0.35;
+
+/// The scans of a scene.
+pub(super) struct Scans {
+    pub scans: Vec<Scan>,
+    /// The first, for a legend; its values are not at the nodes.
+    pub seen: ScalarField,
+    pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// The scans that the scene has its body carry; none where it has none.
+    pub(super) fn scans(&self, mesh: &TetMesh) -> Result<Option<Scans>> {
+        if self.scan.is_empty() {
+            return Ok(None);
+        }
+        let unit = self.mesh.unit.as_ref().map(Unit::metres).transpose()?;
+        let units_per_mm = 1e-3 / unit.or(mesh.length_unit).unwrap_or(1e-3);
+        let mut notes = Vec::new();
+        if self.picture.field.is_some() {
+            notes.push("the scan is shown, and the mesh's field is not: --field and [picture] field are passed over".to_owned());
+        }
+        let mut read = Vec::new();
+        for entry in &self.scan {
+            let volume = io::read_volume(&entry.file)?;
+            let named = |e| Error::Input(format!("[scan] {}: {e}", entry.file.display()));
+            let labels = entry.has_labels(&volume).map_err(named)?;
+            read.push((entry, volume, labels));
+        }
+        let alone = read.len() == 1;
+        let (mut scans, mut seen) = (Vec::new(), None);
+        for (k, (entry, volume, labels)) in read.into_iter().enumerate() {
+            let named = |e| Error::Input(format!("[scan] {}: {e}", entry.file.display()));
+            let name = entry.called();
+            let (look, field) = match labels {
+                Some(labels) => {
+                    if entry.labels.is_none() {
+                        notes.push(format!(
+                            "{name} has {} different whole numbers, and is taken for labels; labels = false shows its values",
+                            labels.len()
+                        ));
+                    }
+                    let opacity = if alone { ALONE } else { BESIDE };
+                    let looks = entry.label_looks(&volume, &labels, opacity, units_per_mm);
+                    let looks = looks.map_err(named)?;
+                    let field = label_field(&name, &volume, &looks)?;
+                    (ScanLook::Labels(looks), field)
+                }
+                None => {
+                    let first = k == 0;
+                    let transfer = match (&entry.transfer, &self.picture.transfer) {
+                        (Some(own), _) => self.named_transfer(own).map_err(named)?,
+                        (None, Some(shared)) if first => self.named_transfer(shared)?,
+                        _ => TransferFunction::preset("scan")?,
+                    };
+                    let range = entry.range.or(self.picture.range.filter(|_| first));
+                    let look = ScanLook::Values {
+                        transfer: transfer.clone(),
+                        range: range.map(|[low, high]| (low, high)),
+                    };
+                    (look, value_field(&name, transfer))
+                }
+            };
+            let scan = Scan {
+                volume: Arc::new(volume),
+                units_per_mm,
+                look,
+            };
+            let field = ScalarField {
+                range: match field.regions.len() {
+                    0 => scan.range(),
+                    n => (0.0, n as f64 - 1.0),
+                },
+                values: vec![0.0; mesh.nodes.len()],
+                ..field
+            };
+            seen.get_or_insert(field);
+            scans.push(scan);
+        }
+        Ok(seen.map(|seen| Scans { scans, seen, notes }))
+    }
+}
+
+impl ScanEntry {
+    /// Its labels and how many voxels have each, if it shows labels.
+    fn has_labels(&self, volume: &Volume) -> Result<Option<BTreeMap<i64, usize>>> {
+        if !self.label.is_empty() && self.labels == Some(false) {
+            return Err(Error::Input(
+                "it has looks of labels, and labels = false; leave one of them out".into(),
+            ));
+        }
+        let asked = self.labels.unwrap_or(!self.label.is_empty());
+        if self.labels == Some(false) {
+            return Ok(None);
+        }
+        let labels = volume.labels();
+        match (asked, labels) {
+            (true, Some(labels)) => Ok(Some(labels)),
+            (true, None) => Err(Error::Input(
+                "it is no map of labels: its values are not whole numbers, or too many different ones".into(),
+            )),
+            (false, labels) => {
+                let few = |labels: &BTreeMap<i64, usize>| {
+                    labels.len() <= FEW && (self.transfer.is_none() && self.range.is_none())
+                };
+                Ok(labels.filter(few))
+            }
+        }
+    }
+
+    /// Its name, or that of its file.
+    fn called(&self) -> String {
+        let stem = || {
+            self.file
+                .file_stem()
+                .map(|s| s.to_string_lossy().into_owned())
+        };
+        let file = || stem().unwrap_or_else(|| "scan".into());
+        let name = self.name.clone().unwrap_or_else(file);
+        name.strip_suffix(".nii")
+            .map_or(name.clone(), str::to_owned)
+    }
+
+    /// What each label looks like; 0 is what lies around.
+    fn label_looks(
+        &self,
+        volume: &Volume,
+        labels: &BTreeMap<i64, usize>,
+        opacity: f64,
+        units_per_mm: f64,
+    ) -> Result<BTreeMap<i64, LabelLook>> {
+        let mut entries: BTreeMap<i64, &LabelLookEntry> = BTreeMap::new();
+        for (name, entry) in &self.label {
+            let by_name = volume.names.iter().find(|(_, own)| *own == name);
+            let label = by_name.map(|(label, _)| *label).or(name.parse().ok());
+            let label = label.filter(|l| labels.contains_key(l)).ok_or_else(|| {
+                let all: Vec<String> = labels
+                    .keys()
+                    .map(|l| match volume.names.get(l) {
+                        Some(name) => format!("{l} ({name})"),
+                        None => l.to_string(),
+                    })
+                    .collect();
+                Error::Input(format!(
+                    "no voxel has the label {name}; there are {}",
+                    all.join(", ")
+                ))
+            })?;
+            entries.insert(label, entry);
+        }
+        let ways = mean_ways(volume);
+        let mut looks = BTreeMap::new();
+        let shown = labels.keys().filter(|label| **label != 0);
+        for (i, label) in shown.enumerate() {
+            let entry = entries.get(label).copied();
+            if entry.is_some_and(|entry| entry.hidden) {
+                continue;
+            }
+            let colour = match entry.and_then(|entry| entry.colour.as_deref()) {
+                Some(name) => named_colour(name)?,
+                None => colour_of(i).map(|c| f64::from(c) / 255.0),
+            };
+            let opacity = entry.and_then(|entry| entry.opacity).unwrap_or(opacity);
+            if !(0.0..=1.0).contains(&opacity) {
+                return Err(Error::Input(format!(
+                    "label {label} has opacity = {opacity}: what a ray's mean way through it hides, from 0 to 1, is expected"
+                )));
+            }
+            let way = ways.get(label).copied().unwrap_or(1.0) * units_per_mm;
+            let extinction = (1.0 - opacity).max(CLEAR).ln().abs() / way;
+            looks.insert(*label, LabelLook { colour, extinction });
+        }
+        Ok(looks)
+    }
+}
+
+/// The mean way of a ray through each label, in mm: 4V/S (Cauchy).
+fn mean_ways(volume: &Volume) -> BTreeMap<i64, f64> {
+    let axes = volume.to_world.matrix3;
+    let (x, y, z) = (axes.x_axis, axes.y_axis, axes.z_axis);
+    let areas = [y.cross(z), z.cross(x), x.cross(y)].map(|a| a.length());
+    let size = volume.size;
+    let strides = [1, size[0], size[0] * size[1]];
+    let mut sums: BTreeMap<i64, [f64; 2]> = BTreeMap::new();
+    let label = |n: usize| volume.value(n) as i64;
+    let mut add = |label: i64, volume: f64, surface: f64| {
+        let sum = sums.entry(label).or_default();
+        *sum = [sum[0] + volume, sum[1] + surface];
+    };
+    let voxel = volume.voxel_volume();
+    for n in 0..volume.voxels() {
+        let own = label(n);
+        let at = [n % size[0], n / strides[1] % size[1], n / strides[2]];
+        let mut bare = 0.0;
+        for k in 0..3 {
+            if at[k] == 0 {
+                bare += areas[k];
+            }
+            match at[k] + 1 < size[k] {
+                false => bare += areas[k],
+                true => {
+                    let other = label(n + strides[k]);
+                    if other != own {
+                        bare += areas[k];
+                        add(other, 0.0, areas[k]);
+                    }
+                }
+            }
+        }
+        add(own, voxel, bare);
+    }
+    let way = |[volume, surface]: [f64; 2]| 4.0 * volume * STAIRS / surface.max(f64::MIN_POSITIVE);
+    sums.into_iter()
+        .map(|(label, sum)| (label, way(sum)))
+        .collect()
+}
+
+/// What a legend tells of values.
+fn value_field(name: &str, transfer: TransferFunction) -> ScalarField {
+    ScalarField {
+        name: name.to_owned(),
+        values: Vec::new(),
+        cells: None,
+        range: (0.0, 1.0),
+        note: None,
+        transfer: Some(transfer),
+        regions: Vec::new(),
+    }
+}
+
+/// What a legend tells of labels: their colours, by their numbers in order.
+fn label_field(
+    name: &str,
+    volume: &Volume,
+    looks: &BTreeMap<i64, LabelLook>,
+) -> Result<ScalarField> {
+    let (mut colour, mut extinction) = (Vec::new(), Vec::new());
+    let mut regions = Vec::new();
+    for (i, (label, look)) in looks.iter().enumerate() {
+        let [r, g, b] = look.colour;
+        for end in [i as f64 - PLATEAU, i as f64 + PLATEAU] {
+            colour.push([end, r, g, b]);
+            extinction.push([end, look.extinction]);
+        }
+        let called = volume.names.get(label).cloned();
+        regions.push((called.unwrap_or_else(|| label.to_string()), i as f64));
+    }
+    if regions.is_empty() {
+        return Err(Error::Input(format!(
+            "[scan] {name}: no label is left to be seen"
+        )));
+    }
+    Ok(ScalarField {
+        regions,
+        ..value_field(name, TransferFunction::new(colour, extinction)?)
+    })
+}
