@@ -21,6 +21,10 @@ pub struct SceneFlags {
     /// body at rest in it; may be given more than once, and --transfer and --range are the first's
     #[arg(long, value_name = "VOLUME", help_heading = "Picture")]
     pub scan: Vec<PathBuf>,
+    /// The same mesh at rest, where the one that is drawn is deformed: --scan and planes given at rest
+    /// go by it [default: the mesh's field displacement, if it has one]
+    #[arg(long, value_name = "MESH", help_heading = "Picture")]
+    pub rest: Option<PathBuf>,
     /// Smallest and largest value of the field, LOW,HIGH, which stand for what is beyond them
     #[arg(long, help_heading = "Picture", value_parser = pair, allow_hyphen_values = true)]
     pub range: Option<Pair>,
@@ -255,6 +259,7 @@ impl SceneFlags {
             scene.picture.range = None;
         }
         over(given.field, &mut scene.picture.field);
+        over(given.rest, &mut scene.mesh.rest);
         if !given.scan.is_empty() {
             let entry = |file: &PathBuf| ScanEntry {
                 file: file.clone(),

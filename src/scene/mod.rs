@@ -52,6 +52,7 @@ mod picture;
 mod reactions;
 mod region;
 mod regions;
+mod rest;
 mod scan;
 mod shown;
 mod simulator;
@@ -216,7 +217,9 @@ impl Scene {
         let folder = path.parent().unwrap_or(Path::new(""));
         let bodies = scene.body.iter_mut().map(|body| &mut body.mesh);
         for mesh in bodies.chain([&mut scene.mesh]) {
-            mesh.file = mesh.file.take().map(|file| folder.join(file));
+            for file in [&mut mesh.file, &mut mesh.rest] {
+                *file = file.take().map(|file| folder.join(file));
+            }
             for other in &mut mesh.join {
                 other.file = other.file.take().map(|file| folder.join(file));
             }

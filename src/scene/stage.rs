@@ -155,20 +155,29 @@ impl Stage {
         shape: Option<GridShape>,
     ) -> Result<Stage> {
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
+        if solver.is_some() && scene.mesh.rest.is_some() {
+            return Err(Error::Input(
+                "[mesh] rest (--rest) is where a deformed mesh rests that nothing moves; a solver moves the mesh from where its file has it".into(),
+            ));
+        }
         let carried = scene.tool.iter().any(ToolEntry::is_carried) && solver.is_some();
-        let (held, mesh) = match carried {
+        let (held, mut mesh) = match carried {
             true => scene.with_carried_tools(mesh)?,
             false => (scene.clone(), mesh),
         };
         let scene = &held;
-        let (drive, said) = match solver.transpose()? {
-            None => (Drive::posed(gpu, mesh)?, Vec::new()),
-            Some(kind) => {
-                let (motion, said) = Motion::new(gpu, scene, kind, mesh, shape)?;
-                (Drive::Simulated(Box::new(motion)), said)
-            }
+        let Some(kind) = solver.transpose()? else {
+            let Some((now, note)) = scene.at_rest(&mut mesh)? else {
+                return Stage::with_drive(gpu, scene, Drive::posed(gpu, mesh)?, Vec::new());
+            };
+            let drive = Drive::posed(gpu, mesh)?;
+            let mut stage = Stage::with_drive(gpu, scene, drive, note.into_iter().collect())?;
+            stage.pose(&now)?;
+            stage.frame(&[])?;
+            return Ok(stage);
         };
-        Stage::with_drive(gpu, scene, drive, said)
+        let (motion, said) = Motion::new(gpu, scene, kind, mesh, shape)?;
+        Stage::with_drive(gpu, scene, Drive::Simulated(Box::new(motion)), said)
     }
 
     /// The stage of a body, or several, that `drive` moves; `said` is what was assumed of it.

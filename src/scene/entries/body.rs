@@ -26,6 +26,9 @@ use std::str::FromStr;
 pub struct MeshSource {
     /// A mesh file, beside the scene file unless absolute.
     pub file: Option<PathBuf>,
+    /// The same mesh at rest, where `file` has it deformed and nothing moves it: scans and planes that
+    /// are given at rest go by it. A field `displacement`, as series have it, serves as well.
+    pub rest: Option<PathBuf>,
     /// A generator's name, instead of a file; see [`crate::mesh::generate::GENERATORS`].
     #[serde(default, deserialize_with = "words::generator")]
     pub generate: Option<String>,

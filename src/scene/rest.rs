@@ -1,0 +1,49 @@
+//! Where a body that nothing moves rests, when its file shows it deformed.
+
+use super::Scene;
+use crate::mesh::{Location, TetMesh};
+use crate::{Error, Result, io};
+use glam::DVec3;
+
+/// The field by which series that are written tell where a node was.
+const DISPLACEMENT: &str = "displacement";
+
+impl Scene {
+    /// Puts `mesh` where it rests, and returns where its nodes stand: by the mesh that `[mesh] rest`
+    /// names, or, where the picture needs to know it, by a field `displacement`. What was assumed
+    /// comes in words.
+    pub(super) fn at_rest(
+        &self,
+        mesh: &mut TetMesh,
+    ) -> Result<Option<(Vec<DVec3>, Option<String>)>> {
+        if let Some(file) = &self.mesh.rest {
+            let rest = io::read(file)?;
+            if rest.tets != mesh.tets || rest.nodes.len() != mesh.nodes.len() {
+                return Err(Error::Input(format!(
+                    "{} is not the mesh at rest: it has {} nodes and {} tets, the deformed one {} and {}, and both need the same in the same order",
+                    file.display(),
+                    rest.nodes.len(),
+                    rest.tets.len(),
+                    mesh.nodes.len(),
+                    mesh.tets.len()
+                )));
+            }
+            return Ok(Some((std::mem::replace(&mut mesh.nodes, rest.nodes), None)));
+        }
+        let needed = !self.scan.is_empty() || self.plane.iter().any(|plane| plane.rest);
+        let field = mesh.field(DISPLACEMENT, Location::Node);
+        let Some(field) = field.filter(|f| needed && f.components == 3) else {
+            return Ok(None);
+        };
+        let moved = field.values.chunks_exact(3).map(DVec3::from_slice);
+        let rest: Vec<DVec3> = mesh.nodes.iter().zip(moved).map(|(x, u)| *x - u).collect();
+        if rest == mesh.nodes || rest.iter().any(|x| !x.is_finite()) {
+            return Ok(None);
+        }
+        let said = "the mesh rests where its field displacement says; --rest MESH names another";
+        Ok(Some((
+            std::mem::replace(&mut mesh.nodes, rest),
+            Some(said.into()),
+        )))
+    }
+}
