@@ -3,6 +3,7 @@
 
 #import lib/shade
 #import lib/inside
+#import lib/xray
 
 // Whether each region has a transfer function of its own: a row of the table.
 override REGIONS: bool = false;
@@ -28,6 +29,8 @@ const STATISTICS: u32 = 2u;
 const MAXIMUM: u32 = 3u;
 const MINIMUM: u32 = 4u;
 const MEAN: u32 = 5u;
+// The integral of what attenuates X-rays.
+const XRAY: u32 = 6u;
 
 // A place on a ray.
 struct Spot {
@@ -90,6 +93,11 @@ fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     }
     if MODE == THICKNESS {
         return vec4(sum.r + length_of(part, ray), 0.0, 0.0, 0.0);
+    }
+    if MODE == XRAY {
+        let dense = density_of(part.tet);
+#any scan         if SCANNED { return vec4(sum.r + dense * scans_attenuation(part, ray), 0.0, 0.0, 0.0); }
+        return vec4(sum.r + dense * mean_attenuation(part.front.s, part.back.s) * length_of(part, ray), 0.0, 0.0, 0.0);
     }
     if MODE == MAXIMUM || MODE == MINIMUM || MODE == MEAN {
 #any scan         if SCANNED { return scans_projected(sum, part, ray); }

@@ -38,6 +38,9 @@ struct View {
     pixel: vec2<f32>,
     // Unit direction towards the light, in the local frame; with w 1 it is that towards the eye.
     light: vec4<f32>,
+    // Of X-rays: the shares of the range that are air and water, what water attenuates per file
+    // unit, and how much steeper that rises beyond it.
+    xray: vec4<f32>,
 }
 
 fn to_camera(view: View, p: vec3<f32>) -> vec3<f32> {

@@ -356,25 +356,51 @@ fn scans_sliced(spot: Spot, row: u32) -> vec4<f32> {
 // The largest, least or mean value of the first scan, so far.
 fn scans_projected(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     var own = sum;
-    let way = stride(whole, vec2(0.0, 1.0));
-    if way.range.x >= way.range.y || has_labels(0u) {
-        return own;
-    }
-    let range = covered(0u, whole);
-    var u = way.range.x;
-    var here = scan_spot(whole, u);
-    for (var i = 0u; i < MOST_STOPS; i++) {
-        let stop = next_stop(whole, way, u);
-        let there = scan_spot(whole, stop);
-        let middle = 0.5 * (u + stop);
-        if (middle >= range.x) & (middle <= range.y) {
-            own = projected_scalar(own, Segment(here, there, whole.tet), ray);
-        }
-        if stop >= way.range.y {
-            break;
-        }
-        here = there;
-        u = stop;
+    var walked = walk_values(whole);
+    while step_values(whole, &walked) {
+        own = projected_scalar(own, Segment(walked.here, walked.there, whole.tet), ray);
     }
     return own;
+}
+
+// What the first scan attenuates X-rays by, as if the body were at rest.
+fn scans_attenuation(whole: Segment, ray: Ray) -> f32 {
+    var sum = 0.0;
+    var walked = walk_values(whole);
+    while step_values(whole, &walked) {
+        sum += mean_attenuation(walked.here.s, walked.there.s) * length_of(Segment(walked.here, walked.there, whole.tet), ray);
+    }
+    return sum;
+}
+
+// A way through the values of the first scan in a segment, stretch by stretch.
+struct ValueWalk {
+    way: Stride,
+    here: Spot,
+    there: Spot,
+    // Where `there` is, and stretches so far.
+    u: f32,
+    stops: u32,
+}
+
+fn walk_values(whole: Segment) -> ValueWalk {
+    var walked: ValueWalk;
+    walked.way = stride(whole, covered(0u, whole));
+    walked.u = walked.way.range.x;
+    walked.there = scan_spot(whole, walked.u);
+    return walked;
+}
+
+// Goes on to the next stretch; false where there is none.
+fn step_values(whole: Segment, walked: ptr<function, ValueWalk>) -> bool {
+    let range = (*walked).way.range;
+    if ((*walked).u >= range.y) | ((*walked).stops >= MOST_STOPS) | has_labels(0u) {
+        return false;
+    }
+    let stop = next_stop(whole, (*walked).way, (*walked).u);
+    (*walked).here = (*walked).there;
+    (*walked).there = scan_spot(whole, stop);
+    (*walked).u = stop;
+    (*walked).stops += 1u;
+    return true;
 }

@@ -35,9 +35,13 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Picture", value_parser = size)]
     pub size: Option<[u32; 2]>,
     /// composite, thickness (length inside the mesh; EXR), mip, minip or mean (the largest, least or
-    /// mean scalar on each ray, grey), or surface
+    /// mean scalar on each ray, grey), xray (what attenuates X-rays, of CT numbers: ∫ μ dl in an EXR,
+    /// the film in a PNG), or surface
     #[arg(long, help_heading = "Picture")]
     pub mode: Option<String>,
+    /// Energy of the X-rays of mode xray, 20 to 150 keV [default: 60]
+    #[arg(long, value_name = "KEV", help_heading = "Picture")]
+    pub energy: Option<f64>,
     /// How rays go from tet to tet: vertices or planes
     #[arg(long, help_heading = "Picture")]
     pub walk: Option<String>,
@@ -275,6 +279,7 @@ impl SceneFlags {
         over(given.size, &mut scene.picture.size);
         over(given.mode, &mut scene.picture.mode);
         over(given.walk, &mut scene.picture.walk);
+        over(given.energy, &mut scene.xray.energy);
         over(given.background, &mut scene.picture.background);
         over(given.light, &mut scene.light.from);
         over(given.shadows, &mut scene.light.shadows);

@@ -108,13 +108,19 @@ impl Image {
             return (self.clone(), None);
         }
         let longest = self.values.iter().copied().fold(0.0, f32::max);
-        let (_, shown) = self.shown(Background::Black);
-        let image = Image {
+        (self.in_grey(longest), Some(longest))
+    }
+
+    /// A picture of one channel with four: grey, from 0 to what is `white`, and opaque.
+    pub fn in_grey(&self, white: f32) -> Image {
+        let unit = if white > 0.0 { white } else { 1.0 };
+        let grey = |v: &f32| (v / unit).clamp(0.0, 1.0);
+        let shown = self.values.iter().map(grey);
+        Image {
             size: self.size,
             channels: 4,
-            values: shown.into_iter().flat_map(|v| [v, v, v, 1.0]).collect(),
-        };
-        (image, Some(longest))
+            values: shown.flat_map(|v| [v, v, v, 1.0]).collect(),
+        }
     }
 
     /// Red, green and blue of each pixel, as a PNG of 8 bits has them; what is transparent is on

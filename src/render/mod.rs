@@ -28,6 +28,7 @@ mod tet_geometry;
 mod tiles;
 mod transfer;
 mod view;
+mod xray;
 
 pub use camera::{Camera, Projection, Ray};
 pub use compare::Difference;
@@ -48,6 +49,7 @@ pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
 pub use table::{TableForm, TableTexel};
 pub use tet_geometry::{tet_gradient, tet_planes};
 pub use transfer::{ResolvedTransfer, TransferFunction};
+pub use xray::Xray;
 
 pub(crate) use peel::attachment;
 pub(crate) use pick::Look;

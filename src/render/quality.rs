@@ -17,7 +17,7 @@
 //! miss a tenth of a level more than half floats, and floats a thirtieth less. Fewer pixels cost
 //! error at every edge that no tolerance here would allow.
 
-use super::{Light, RaycastOptions};
+use super::{Light, RaycastOptions, Xray};
 use crate::{Error, Result};
 
 /// The tolerance of the default options: half a level of an 8-bit channel.
@@ -66,6 +66,7 @@ impl RaycastOptions {
             light: Light::None,
             shadows: 0.0,
             scan_step: (SCAN_SHARE * 255.0 * tolerance).sqrt().min(1.0),
+            xray: Xray::default(),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::light::Light;
 use super::table::{TABLE_SIZES, TableForm, TableTexel};
+use super::xray::Xray;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 
@@ -55,6 +56,9 @@ pub enum Mode {
     Minimum,
     /// The mean over the length inside the mesh.
     Mean,
+    /// What attenuates X-rays on the way, ∫ μ dl, by [`RaycastOptions::xray`]: of mass that a
+    /// deformation moves and does not make.
+    Xray,
 }
 
 /// What the shaders can gather: [`Mode`], or counts for a report.
@@ -66,6 +70,7 @@ pub(super) enum Gathered {
     Maximum,
     Minimum,
     Mean,
+    Xray,
 }
 
 impl Gathered {
@@ -78,6 +83,7 @@ impl Gathered {
             Gathered::Maximum => 3.0,
             Gathered::Minimum => 4.0,
             Gathered::Mean => 5.0,
+            Gathered::Xray => 6.0,
         }
     }
 
@@ -95,6 +101,7 @@ impl From<Mode> for Gathered {
             Mode::Maximum => Gathered::Maximum,
             Mode::Minimum => Gathered::Minimum,
             Mode::Mean => Gathered::Mean,
+            Mode::Xray => Gathered::Xray,
         }
     }
 }
@@ -127,6 +134,8 @@ pub struct RaycastOptions {
     pub shadows: f64,
     /// Voxels between two samples of a [`Scan`](super::Scan) at most, from 1/64 to 1.
     pub scan_step: f64,
+    /// The source, and what CT numbers stand for, of [`Mode::Xray`].
+    pub xray: Xray,
 }
 
 impl RaycastOptions {
@@ -151,6 +160,7 @@ impl RaycastOptions {
             ));
         }
         self.light.check()?;
+        self.xray.check()?;
         if !(0.0..=1.0).contains(&self.shadows) {
             return wrong(format!(
                 "shadows of {}: choose from 0, for none, to 1",

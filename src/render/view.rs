@@ -48,6 +48,7 @@ pub(crate) mod gpu_data {
             pub reach: f32,
             pub pixel: [f32; 2],
             pub light: [f32; 4],
+            pub xray: [f32; 4],
         }
     }
 }

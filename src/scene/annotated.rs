@@ -200,13 +200,28 @@ impl Stage {
     }
 
     /// The picture, as [`Stage::image`], with what the scene asks to be drawn onto it. Lengths are
-    /// shown in grey then, from 0 to the longest.
+    /// shown in grey then, from 0 to the longest, and X-rays as they are on film.
     ///
     /// # Errors
     /// As [`Stage::image`].
     pub fn annotated_image(&mut self) -> Result<Image> {
         let image = self.image()?;
         let mut annotations = self.annotations();
+        if self.mode == DisplayMode::Inside(Mode::Xray) {
+            let (mut image, white) = self.film.develop(&image);
+            if annotations.legend.is_some() {
+                annotations.legend = Some(Legend::Bar(ColourBar {
+                    name: "∫ μ dl".into(),
+                    unit: String::new(),
+                    range: (0.0, f64::from(white)),
+                    colours: BarColours::Grey,
+                }));
+            }
+            if !annotations.is_empty() {
+                annotations.draw(&mut image, &self.camera, self.background)?;
+            }
+            return Ok(image);
+        }
         if annotations.is_empty() {
             return Ok(image);
         }

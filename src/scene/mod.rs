@@ -64,6 +64,7 @@ mod stage;
 mod tests;
 mod tool;
 mod words;
+mod xray;
 
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
@@ -148,6 +149,9 @@ pub struct Scene {
     /// The light on the inside.
     #[serde(default)]
     pub light: LightEntry,
+    /// X-rays.
+    #[serde(default)]
+    pub xray: XrayEntry,
     /// Planes through the volume.
     #[serde(default)]
     pub plane: Vec<PlaneEntry>,

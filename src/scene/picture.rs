@@ -70,7 +70,11 @@ impl Scene {
             options.light = Light::None;
         }
         let inside = self.inside(mode, notes)?;
-        if inside.needs_rest() || !scans.is_empty() {
+        if mode == DisplayMode::Inside(Mode::Xray) {
+            options.xray = self.xray(mesh, seen.range, notes)?;
+        }
+        let mode_needs_rest = mode == DisplayMode::Inside(Mode::Xray);
+        if inside.needs_rest() || !scans.is_empty() || mode_needs_rest {
             geometry.remember_rest(mesh)?;
         }
         if mode == DisplayMode::Surface {
@@ -227,6 +231,7 @@ impl Scene {
             Some("mip") => Ok(DisplayMode::Inside(Mode::Maximum)),
             Some("minip") => Ok(DisplayMode::Inside(Mode::Minimum)),
             Some("mean") => Ok(DisplayMode::Inside(Mode::Mean)),
+            Some("xray") => Ok(DisplayMode::Inside(Mode::Xray)),
             Some("surface") => Ok(DisplayMode::Surface),
             Some("skin") if self.skin.is_empty() => Err(Error::Input(
                 "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),

@@ -75,6 +75,8 @@ impl Scene {
                         _ => TransferFunction::preset("scan")?,
                     };
                     let range = entry.range.or(self.picture.range.filter(|_| first));
+                    // X-rays go by what numbers are, not by what is shown of them.
+                    let range = range.filter(|_| self.picture.mode.as_deref() != Some("xray"));
                     let look = ScanLook::Values {
                         transfer: transfer.clone(),
                         range: range.map(|[low, high]| (low, high)),

@@ -10,6 +10,7 @@ use super::picture::{DisplayMode, SIZE};
 use super::scan::Scans;
 use super::shown::{self, Shown};
 use super::skin::carrier;
+use super::xray::RadiographFilm;
 use super::{Motion, ScalarField, Scene, ToolEntry};
 use crate::gpu::Gpu;
 use crate::io::PvdSeries;
@@ -43,6 +44,8 @@ pub struct Stage {
     pub(super) composer: Composer,
     /// What is drawn onto its pictures.
     pub(super) surroundings: Surroundings,
+    /// What X-rays are developed on.
+    pub(super) film: RadiographFilm,
     /// How many times larger each way than they are shown pictures are drawn.
     pub(super) samples: u32,
     pub(super) cutters: Vec<Cutter>,
@@ -223,6 +226,7 @@ impl Stage {
         let mut stage = Stage {
             gpu: gpu.clone(),
             surroundings,
+            film: RadiographFilm::new(&scene.xray)?,
             samples: scene.samples_each_way()?,
             camera: scene.camera(mesh, points, size)?,
             size,

@@ -11,12 +11,13 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
 /// What a picture shows.
-pub(super) const MODES: [&str; 7] = [
+pub(super) const MODES: [&str; 8] = [
     "composite",
     "thickness",
     "mip",
     "minip",
     "mean",
+    "xray",
     "surface",
     "skin",
 ];

@@ -70,6 +70,11 @@ impl Raycaster {
                 self.record_shadows(work, anew)?;
             }
         }
+        if gathered == Gathered::Xray && self.geometry.rests().is_none() {
+            return Err(Error::Input(
+                "X-rays go by how dense the body is against its rest, which the geometry does not know; call Geometry::remember_rest first".into(),
+            ));
+        }
         // The frame is out of `self` while draws are prepared from the rest of it.
         let generation = self.geometry.generation;
         let fits = |f: &Frame| f.peel.size == window.size && f.generation == generation;
@@ -189,7 +194,7 @@ impl Raycaster {
             let lit = self.options.light.is_on() && gathered == Gathered::Composite;
             let looks = &self.looks;
             let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
-            let resting = looks.needs_rest();
+            let resting = looks.needs_rest() || gathered == Gathered::Xray;
             // What is not read is given something small.
             let nothing = &looks.cuts;
             let shadows = self.shadows.as_ref().filter(|_| lit);
@@ -278,7 +283,7 @@ impl Raycaster {
     /// As [`Raycaster::view`], of a picture of `gathered`.
     fn view_of(&self, camera: &Camera, window: Window, gathered: Gathered) -> View {
         let view = self.view(camera, window);
-        if !gathered.is_projection() {
+        if !gathered.is_projection() && gathered != Gathered::Xray {
             return view;
         }
         // Scalars are shares of the range already, and no table is looked up.
@@ -299,6 +304,7 @@ impl Raycaster {
             layers: table.layers,
             reach: table.reach,
             light: self.options.light.to_gpu(),
+            xray: self.options.xray.to_gpu(self.looks.range()),
             ..LocalView::new(camera, &geometry.frame, window).to_gpu()
         }
     }

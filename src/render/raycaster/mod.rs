@@ -301,7 +301,7 @@ impl Raycaster {
         let (pixels, layers) = self.gather(camera, size, mode.into())?;
         self.check_layers(layers)?;
         let (channels, values) = match mode {
-            Mode::Thickness => (1, pixels.into_iter().map(|p| p[0]).collect()),
+            Mode::Thickness | Mode::Xray => (1, pixels.into_iter().map(|p| p[0]).collect()),
             _ => (4, pixels.into_iter().flatten().collect()),
         };
         Ok(Image {

@@ -14,7 +14,7 @@ pub use body::{All, BodyEntry, GridEntry, JoinEntry, LabelsEntry, Lengths, MeshS
 pub use inside::{IsosurfaceEntry, PlaneEntry};
 pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
 pub use output::OutputEntry;
-pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionLookEntry};
+pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionLookEntry, XrayEntry};
 pub(in crate::scene) use scan::scans;
 pub use scan::{LabelLookEntry, ScanEntry};
 pub use tool::{BoxEntry, CapsuleEntry, ContactEntry, PlaneShapeEntry, SphereEntry, ToolEntry};

@@ -23,6 +23,28 @@ pub struct LightEntry {
     pub shadows: Option<f64>,
 }
 
+/// X-rays, of pictures in mode `xray`.
+///
+/// ```toml
+/// [xray]
+/// energy = 60             # keV, 20 to 150
+/// water = 0               # the scalar that is water, and that is air: Hounsfield's units
+/// air = -1000             # where nothing is said and there are negative ones
+/// white = 6               # ∫ μ dl that is white on the film
+/// ```
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct XrayEntry {
+    /// Energy of the source, 20 to 150 keV; 60 where nothing is said.
+    pub energy: Option<f64>,
+    /// The scalar of water; where nothing is said 0, or 1024 where no value is negative.
+    pub water: Option<f64>,
+    /// The scalar of air; where nothing is said 1000 below water.
+    pub air: Option<f64>,
+    /// ∫ μ dl that is white in a PNG; the most in the first picture where nothing is said.
+    pub white: Option<f64>,
+}
+
 /// The view, in the units of the mesh file.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -67,7 +89,7 @@ pub struct PictureEntry {
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
     /// `composite`, `thickness`, `mip`, `minip` or `mean` (the largest, least or mean scalar on each
-    /// ray, grey), `surface`, or `skin`: the skins alone, without the inside.
+    /// ray, grey), `xray` (∫ μ dl of CT numbers, on film in a PNG), `surface`, or `skin`: the skins alone, without the inside.
     #[serde(default, deserialize_with = "words::mode")]
     pub mode: Option<String>,
     /// Whether the volume itself is drawn beside slices and isosurfaces; it is where nothing is

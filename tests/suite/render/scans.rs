@@ -389,6 +389,96 @@ fn projections_and_regions_see_the_scan() {
     assert!(rms < 0.5, "{rms}");
 }
 
+#[test]
+fn x_rays_meet_as_much_however_the_body_is_bent() {
+    let scan = scan_of(phantom());
+    let mesh = generate::box_mesh([4; 3], DVec3::ONE, generate::Split::Six).unwrap();
+    let source = Xray {
+        energy: 60.0,
+        cm_per_unit: 3.0,
+        ..Xray::default()
+    };
+    let values = node_field(&mesh);
+    let camera = Camera::orthographic(DVec3::new(2.0, 1.4, 2.6), DVec3::splat(0.5), DVec3::Y, 2.4);
+    let size = [160, 120];
+    let moved = bent(&mesh);
+    let squeezed: Vec<DVec3> = mesh
+        .nodes
+        .iter()
+        .map(|p| *p * DVec3::new(0.6, 1.1, 0.9))
+        .collect();
+    for walk in [Walk::Vertices, Walk::Planes] {
+        for scanned in [true, false] {
+            let mut totals = Vec::new();
+            for (name, positions) in [
+                ("rest", &mesh.nodes),
+                ("bent", &moved),
+                ("squeezed", &squeezed),
+            ] {
+                let options = RaycastOptions {
+                    xray: source,
+                    ..plain(walk)
+                };
+                let gpu = gpu();
+                let frame = LocalFrame::of_mesh(&mesh);
+                let array = local_positions(&gpu, &frame, positions).unwrap();
+                let topology = Topology::new(&mesh);
+                let mut geometry =
+                    Geometry::new(&gpu, &mesh, &topology, frame, &array, &values).unwrap();
+                geometry.remember_rest(&mesh).unwrap();
+                let mut caster =
+                    Raycaster::with_options(&gpu, geometry, &transfer(), options).unwrap();
+                if scanned {
+                    caster
+                        .set_scans(&mesh, std::slice::from_ref(&scan))
+                        .unwrap();
+                }
+                let image = caster.image(&camera, size, Mode::Xray).unwrap();
+                assert_eq!(image.channels, 1);
+                let truth = match scanned {
+                    true => RayReference::of_scan(&mesh, positions, &scan, 16.0),
+                    false => RayReference::new(&mesh, positions, &values),
+                };
+                let all = truth.picture(&camera, size, |r, ray| {
+                    let parts = r.segments(ray).into_iter().map(|part| {
+                        let of = |p: [DVec3; 4]| palpate::mesh::signed_volume(p);
+                        let tet = part.tet as usize;
+                        let now = of(mesh.tets[tet].map(|v| positions[v as usize]));
+                        let dense = of(mesh.tet_nodes(tet)) / now;
+                        let at =
+                            |u: f64| source.attenuation(part.s[0] + u * (part.s[1] - part.s[0]));
+                        let mean = (0..50)
+                            .map(|n| at((f64::from(n) + 0.5) / 50.0))
+                            .sum::<f64>()
+                            / 50.0;
+                        dense * mean * (part.t[1] - part.t[0])
+                    });
+                    parts.sum::<f64>()
+                });
+                let most = all.iter().copied().fold(0.0, f64::max);
+                let pairs = image.values.iter().zip(&all);
+                let square: f64 = pairs.map(|(a, b)| (f64::from(*a) - b).powi(2)).sum();
+                let rms = 255.0 * (square / all.len() as f64).sqrt() / most;
+                let total: f64 = image.values.iter().map(|v| f64::from(*v)).sum();
+                println!("{walk:?} scan {scanned} {name}: rms {rms:.3} of 255, in all {total:.4}");
+                assert!(rms < 1.0 && most > 0.5, "{rms} {most}");
+                totals.push(total);
+            }
+            // As much in all, however the body is bent: what a picture of pixels can tell of it.
+            for total in &totals {
+                assert!((total / totals[0] - 1.0).abs() < 1e-3, "{totals:?}");
+            }
+        }
+    }
+}
+
+/// CT numbers at the nodes.
+fn node_field(mesh: &TetMesh) -> Vec<f64> {
+    let middle = DVec3::splat(0.5);
+    let at = |p: &DVec3| 700.0 - 2600.0 * p.distance(middle).powi(2);
+    mesh.nodes.iter().map(at).collect()
+}
+
 /// Three labels in voxels of another grid.
 fn labels() -> Volume {
     let size = [13usize, 11, 12];
