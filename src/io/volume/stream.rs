@@ -8,8 +8,8 @@ use super::header::Layout;
 use crate::io::extension;
 use crate::parallel;
 use crate::{Error, Result};
-use flate2::write::{DeflateEncoder, ZlibEncoder};
-use flate2::{Compression, Crc};
+use flate2::write::ZlibEncoder;
+use flate2::{Compress, Compression, Crc, FlushCompress};
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
@@ -88,10 +88,7 @@ impl Blocks {
         let packed = parallel::map_heavy(pieces.len(), |n| {
             let mut crc = Crc::new();
             crc.update(pieces[n]);
-            // After a flush all of it is there, on a whole byte.
-            let mut encoder = DeflateEncoder::new(Vec::new(), self.level);
-            let done = encoder.write_all(pieces[n]).and_then(|()| encoder.flush());
-            done.map(|()| (std::mem::take(encoder.get_mut()), crc))
+            deflated(pieces[n], self.level).map(|bytes| (bytes, crc))
         });
         for piece in packed {
             let (bytes, crc) = piece?;
@@ -100,6 +97,21 @@ impl Blocks {
         }
         self.waiting.drain(..length);
         Ok(())
+    }
+}
+
+/// Blocks of all of `bytes`, none of them the last of their stream, which end on a whole byte.
+fn deflated(bytes: &[u8], level: Compression) -> io::Result<Vec<u8>> {
+    // All must fit at once: a flush that runs out of room is not taken up again.
+    let room = bytes.len() + bytes.len() / 4 + 4096;
+    let mut blocks = Vec::with_capacity(room);
+    let mut packer = Compress::new(level, false);
+    packer
+        .compress_vec(bytes, &mut blocks, FlushCompress::Sync)
+        .map_err(io::Error::other)?;
+    match packer.total_in() == bytes.len() as u64 && blocks.len() < blocks.capacity() {
+        true => Ok(blocks),
+        false => Err(io::Error::other("a piece did not fit once packed")),
     }
 }
 
@@ -231,4 +243,46 @@ impl<'a> VolumeStream<'a> {
 fn append(spool: &mut Spool, out: &mut BufWriter<File>) -> io::Result<()> {
     spool.rewind()?;
     io::copy(spool, out).map(|_| ())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flate2::read::GzDecoder;
+    use std::io::Read;
+
+    #[test]
+    fn what_is_packed_in_pieces_is_one_member_of_gzip_and_comes_back() {
+        // Noise, which grows when it is packed, then what packs well; in pushes of any size.
+        let mut noise = 1u64;
+        let mut next = || {
+            noise = noise
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (noise >> 56) as u8
+        };
+        let mut bytes: Vec<u8> = (0..3 * PIECE + 77).map(|_| next()).collect();
+        bytes.extend((0..2 * PIECE).map(|n| (n / 1000) as u8));
+        for level in [1, 6] {
+            let mut blocks = Blocks::new(Compression::new(level));
+            let mut packed = GZIP.to_vec();
+            for part in bytes.chunks(PIECE / 3 + 5) {
+                blocks.waiting.extend_from_slice(part);
+                blocks.pack(false, &mut packed).unwrap();
+            }
+            blocks.pack(true, &mut packed).unwrap();
+            packed.extend(LAST);
+            packed.extend(blocks.crc.sum().to_le_bytes());
+            packed.extend(blocks.crc.amount().to_le_bytes());
+            let mut back = Vec::new();
+            let mut reader = GzDecoder::new(packed.as_slice());
+            reader.read_to_end(&mut back).unwrap();
+            assert!(
+                back == bytes,
+                "level {level}: {} bytes came back",
+                back.len()
+            );
+            assert!(reader.into_inner().is_empty());
+        }
+    }
 }
