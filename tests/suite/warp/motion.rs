@@ -258,7 +258,10 @@ fn what_is_no_motion_is_refused() {
     let rest = around(&grid, [3, 3, 3]);
     let refused = |bent: &[DVec3]| Warp::new(&rest, bent).unwrap_err().to_string();
     let told = refused(&rest.nodes[1..]);
-    assert!(told.contains("63 nodes") && told.contains("rest has 64"), "{told}");
+    assert!(
+        told.contains("63 nodes") && told.contains("rest has 64"),
+        "{told}"
+    );
     let mut bent = rest.nodes.clone();
     bent[7].y = f64::NAN;
     assert!(refused(&bent).contains("node 7"), "{}", refused(&bent));
