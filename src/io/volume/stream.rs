@@ -246,6 +246,7 @@ fn append(spool: &mut Spool, out: &mut BufWriter<File>) -> io::Result<()> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use flate2::read::GzDecoder;

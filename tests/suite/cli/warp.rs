@@ -80,6 +80,26 @@ fn a_segmentation_follows_a_mesh_with_moved_nodes() {
     let share = femur(&after) / femur(&before);
     assert!((0.9..1.05).contains(&share), "{share}");
     assert!(files.iter().all(|f| Path::new(f).is_file()));
+    // On the grid of another scan, in a type that is its own.
+    let (other, like) = (format!("{DATA}/head_ct.mha"), at("like.mha"));
+    let on_other = ["--like", &other, "--labels", "--background", "200"];
+    let given = [
+        "warp",
+        &scan,
+        "--mesh",
+        &at("rest.vtu"),
+        "--to",
+        &at("bent.vtu"),
+    ];
+    stdout(&palpate(
+        &[&given[..], &on_other, &["--out", &like]].concat(),
+    ));
+    let [other, like] = [other, like].map(|f| read_volume(f).unwrap());
+    assert_eq!(like.size, other.size);
+    assert!(like.to_world.abs_diff_eq(other.to_world, 1e-6));
+    let found = like.labels().unwrap();
+    let fits = |label: &i64| *label == 200 || before.contains_key(label);
+    assert!(found.len() > 5 && found.contains_key(&200) && found.keys().all(fits));
 }
 
 #[test]
