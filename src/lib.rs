@@ -24,6 +24,7 @@ pub mod skin;
 pub mod study;
 pub mod tune;
 pub mod volume;
+pub mod warp;
 
 pub use error::{Error, FailureCause, Result};
 /// The version of glam that this library's vectors and matrices are of.

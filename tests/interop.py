@@ -1,4 +1,4 @@
-"""Round trips through meshio, VTK (pyvista) and Gmsh: python tests/interop.py PALPATE.
+"""Round trips through meshio, VTK (pyvista) and Gmsh, and warps by ITK: python tests/interop.py PALPATE.
 
 Each check prints a line; the exit code is 1 if one fails.
 """
@@ -13,6 +13,8 @@ import gmsh
 import meshio
 import numpy as np
 import pyvista
+
+from interop_warp import warped_by_itk
 
 PALPATE = sys.argv[1]
 DATA = Path(__file__).parent.parent / "data"
@@ -404,6 +406,7 @@ def main():
         written_by_others(folder, mesh, expected, names)
         negative_control(folder, expected)
         moved_by_others(folder)
+        warped_by_itk(folder, run, check)
     gmsh.finalize()
     print(f"{failed} failed" if failed else "all ok")
     return 1 if failed else 0

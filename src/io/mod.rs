@@ -52,6 +52,7 @@ pub use frames::{FrameStream, StreamedFrame};
 pub use parse::{parse, parse_surface, parse_volume};
 pub use pvd::{Frame, PvdSeries, read_pvd};
 pub use surface::{read_surface, write_surface};
+pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
 pub use volume::{read_volume, write_volume};
 
 use crate::mesh::TetMesh;

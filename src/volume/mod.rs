@@ -5,10 +5,12 @@
 
 mod cube_cases;
 mod describe;
+mod grid;
 mod isosurface;
 mod sample;
 
 pub use describe::{LabelDescription, VolumeDescription};
+pub use grid::Grid;
 
 use crate::mesh::ScalarType;
 use crate::parallel;
@@ -57,8 +59,7 @@ pub enum Raw {
 impl Volume {
     /// The centre of voxel (i, j, k) in the world.
     pub fn centre(&self, i: usize, j: usize, k: usize) -> DVec3 {
-        let index = DVec3::new(i as f64, j as f64, k as f64);
-        self.to_world.transform_point3(index)
+        self.grid().centre(i, j, k)
     }
 
     /// Number of voxels.
@@ -76,12 +77,7 @@ impl Volume {
 
     /// Distance between the centres of neighbouring voxels along i, j and k, in mm.
     pub fn spacing(&self) -> DVec3 {
-        let axes = self.to_world.matrix3;
-        DVec3::new(
-            axes.x_axis.length(),
-            axes.y_axis.length(),
-            axes.z_axis.length(),
-        )
+        self.grid().spacing()
     }
 
     /// The volume of a voxel, in mm³.
@@ -91,14 +87,7 @@ impl Volume {
 
     /// The world-aligned box that holds all voxels whole: (lower corner, upper corner).
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        let far = DVec3::from(self.size.map(|n| n as f64 - 0.5));
-        let corners = (0..8).map(|n| {
-            let end = |axis: usize| n >> axis & 1 == 1;
-            let at = |axis: usize| if end(axis) { far[axis] } else { -0.5 };
-            self.to_world
-                .transform_point3(DVec3::new(at(0), at(1), at(2)))
-        });
-        crate::mesh::bounds(&corners.collect::<Vec<_>>())
+        self.grid().bounds()
     }
 
     /// Smallest and largest finite value, in physical units; `None` where nothing is finite.

@@ -26,4 +26,5 @@ mod support;
 mod tint;
 mod tune;
 mod unprepared;
+mod warp;
 mod wrong_scenes;

@@ -2,14 +2,18 @@
 
 #[cfg(feature = "dicom")]
 pub(super) mod dicom;
+mod header;
 mod metaimage;
 mod nifti;
 mod nrrd;
 mod nrrd_space;
 mod pattern;
+mod stream;
 mod voxels;
 mod write;
 
+pub(crate) use header::Layout;
+pub(crate) use stream::{VolumeFormat, VolumeStream};
 pub use write::write_volume;
 
 use super::cursor::Parse;

@@ -7,6 +7,7 @@ mod frames;
 mod mesh;
 mod pick;
 mod resume;
+mod warp;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

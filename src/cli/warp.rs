@@ -1,0 +1,239 @@
+//! `palpate warp`: a scan in the bent body, and the motion as a field.
+
+use super::{Outcome, progress, tell};
+use clap::Args;
+use glam::DVec3;
+use palpate::gpu::Gpu;
+use palpate::io;
+use palpate::mesh::TetMesh;
+use palpate::scene::{Run, STEPS, Scene, Stage};
+use palpate::warp::{Coverage, Warp, WarpFiles, WarpOptions, WarpReport};
+use palpate::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Metres in the unit of scans.
+const MILLIMETRE: f64 = 1e-3;
+
+/// Arguments of `warp`.
+#[derive(Args)]
+pub struct WarpArguments {
+    /// The scan of the body at rest (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder)
+    scan: PathBuf,
+    /// The mesh at rest, in the scan's world (RAS; in mm, or the unit that its file tells), as
+    /// `palpate mesh` makes it of the scan; default: that of the scene
+    #[arg(long, value_name = "REST")]
+    mesh: Option<PathBuf>,
+    /// The bent body: the same mesh with its nodes moved, or a scene (.toml), which is simulated as
+    /// for a picture
+    #[arg(long, value_name = "BENT")]
+    to: PathBuf,
+    /// Steps of the scene [default: the scene's, or 50]
+    #[arg(long)]
+    steps: Option<u32>,
+
+    /// The scan in the bent body (.nii.gz, .nrrd, .mha), in the scan's number type
+    #[arg(long, short, required_unless_present_any = ["displacement", "inverse"])]
+    out: Option<PathBuf>,
+    /// Write the motion from rest to bent, on the scan's grid: vectors in mm, LPS, as ITK reads them
+    #[arg(long, value_name = "FIELD")]
+    displacement: Option<PathBuf>,
+    /// Write the motion from bent to rest, on the grid of the output: the displacement field by
+    /// which ITK resamples the scan to the bent body
+    #[arg(long, value_name = "FIELD")]
+    inverse: Option<PathBuf>,
+    /// The voxels are labels: the nearest is taken and none are mixed
+    #[arg(long)]
+    labels: bool,
+    /// A volume whose grid the output has [default: the scan's]
+    #[arg(long, value_name = "VOLUME")]
+    like: Option<PathBuf>,
+    /// The value where no tet is, in the scan's units [default: the scan's smallest, 0 of labels]
+    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
+    background: Option<f64>,
+}
+
+/// Brings the scan to where the body took it.
+pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<Outcome> {
+    let files = WarpFiles {
+        image: arguments.out.as_deref(),
+        displacement: arguments.displacement.as_deref(),
+        inverse: arguments.inverse.as_deref(),
+    };
+    files.check()?;
+    let is_scene = is_scene(&arguments.to);
+    if !is_scene && arguments.steps.is_some() {
+        anyhow::bail!("--steps is for a scene; a mesh is bent already, leave it out");
+    }
+    let scan = progress::during("reading", || io::read_volume(&arguments.scan))?;
+    let grid = match &arguments.like {
+        Some(path) => io::read_volume(path)?.grid(),
+        None => scan.grid(),
+    };
+    let rest = arguments.mesh.as_deref().map(read).transpose()?;
+    let (rest, bent) = match is_scene {
+        true => of_scene(adapter, arguments, rest)?,
+        false => {
+            let rest = rest.ok_or_else(|| {
+                Error::Input(
+                    "name the mesh at rest (--mesh REST); only a scene knows its own".into(),
+                )
+            })?;
+            let bent = read(&arguments.to)?;
+            // Where only one of them tells its unit, it is that of both.
+            let unit = bent.length_unit.or(rest.length_unit);
+            (
+                rest,
+                TetMesh {
+                    length_unit: unit,
+                    ..bent
+                },
+            )
+        }
+    };
+    require_same(&rest, &bent).map_err(|what| Error::format(&arguments.to, what))?;
+    let (rest, bent) = (in_mm(rest)?, in_mm(bent)?.nodes);
+    let warp = Warp::new(&rest, &bent)?;
+    let options = WarpOptions {
+        labels: arguments.labels,
+        background: arguments.background,
+    };
+    let report = progress::stages(|told| {
+        let mut planes = |done: usize, all: usize| told("warping", done as f64 / all as f64);
+        warp.write(&scan, &grid, &options, &files, &mut planes)
+    })?;
+    tell(&said(&report, rest.tets.len()));
+    Ok(Outcome::Done)
+}
+
+fn is_scene(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+}
+
+fn read(path: &Path) -> Result<TetMesh> {
+    let mesh = io::read(path)?;
+    tell(&mesh.repairs.warnings);
+    Ok(mesh)
+}
+
+/// The mesh at rest, `given` or the scene's, and bent.
+fn of_scene(
+    adapter: Option<&str>,
+    arguments: &WarpArguments,
+    given: Option<TetMesh>,
+) -> anyhow::Result<(TetMesh, TetMesh)> {
+    let mut scene = Scene::read(&arguments.to)?;
+    let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+    scene.solver.steps = arguments.steps.or(scene.solver.steps);
+    scene.solver.run = Some(Run {
+        steps: scene.solver.steps.unwrap_or(STEPS),
+        drawn: false,
+    });
+    let gpu = Gpu::with_adapter(adapter)?;
+    let mut stage = progress::during("preparing", || Stage::new(&gpu, &scene))?;
+    tell(stage.notes());
+    if stage.motion().is_none() {
+        anyhow::bail!(
+            "{}: nothing moves, so there is nothing to follow; name a solver ([solver] name = \"implicit\")",
+            arguments.to.display()
+        );
+    }
+    let steps = stage.steps();
+    progress::over("steps", u64::from(steps), |bar| {
+        progress::run(&mut stage, steps, &mut |done, iterations| {
+            bar.set_position(u64::from(done));
+            bar.detail(progress::iterations(iterations));
+        })
+    })?;
+    let mut bent = stage.deformed_mesh()?;
+    bent.length_unit = unit.or(bent.length_unit);
+    let mut rest = given.unwrap_or_else(|| stage.mesh().clone());
+    rest.length_unit = rest.length_unit.or(bent.length_unit);
+    Ok((rest, bent))
+}
+
+/// Refuses a bent mesh that is not `rest` with its nodes moved, in words. Tets may be in another
+/// order, and readers turn those that are inside out and drop flat ones.
+fn require_same(rest: &TetMesh, bent: &TetMesh) -> std::result::Result<(), String> {
+    let advice = "give the mesh at rest with its nodes moved, as `palpate render --mesh-out` or `simulate` write it";
+    if bent.nodes.len() != rest.nodes.len() {
+        return Err(format!(
+            "this mesh has {} nodes, but the one at rest has {}; {advice}",
+            bent.nodes.len(),
+            rest.nodes.len()
+        ));
+    }
+    let flat = bent.repairs.degenerate;
+    if bent.tets.len() + flat != rest.tets.len() {
+        return Err(format!(
+            "this mesh has {} tets, but the one at rest has {}; {advice}",
+            bent.tets.len() + flat,
+            rest.tets.len()
+        ));
+    }
+    let sorted = |tet: &[u32; 4]| {
+        let mut tet = *tet;
+        tet.sort_unstable();
+        tet
+    };
+    let mut of_rest: Vec<[u32; 4]> = rest.tets.iter().map(sorted).collect();
+    of_rest.sort_unstable();
+    let other = |tet: &[u32; 4]| of_rest.binary_search(&sorted(tet)).is_err();
+    match bent.tets.iter().position(other) {
+        None => Ok(()),
+        Some(t) => Err(format!(
+            "tet {t} (counted from 0) joins nodes {:?}, which no tet of the mesh at rest does; {advice}",
+            bent.tets[t]
+        )),
+    }
+}
+
+/// The mesh in mm, the unit of scans; one that tells no unit is.
+fn in_mm(mut mesh: TetMesh) -> Result<TetMesh> {
+    let factor = mesh.length_unit.map_or(1.0, |unit| unit / MILLIMETRE);
+    if !(factor > 0.0 && factor.is_finite()) {
+        return Err(Error::Mesh(format!(
+            "a unit of {factor} mm makes no sense; write the mesh in mm"
+        )));
+    }
+    if (factor - 1.0).abs() > 1e-9 {
+        let scale = |p: &mut DVec3| *p *= factor;
+        mesh.nodes.iter_mut().for_each(scale);
+    }
+    Ok(mesh)
+}
+
+/// What was found on the way, in words.
+fn said(report: &WarpReport, tets: usize) -> Vec<String> {
+    let mut lines = Vec::new();
+    let share = |n: usize, of: &Coverage| 100.0 * n as f64 / of.voxels.max(1) as f64;
+    if let Some(bent) = &report.bent {
+        let [uncovered, overlapping] = [bent.uncovered, bent.overlapping];
+        lines.push(format!(
+            "{uncovered} voxels ({:.1} %) lie in no tet and are background; {overlapping} voxels lie in more than one tet; {} of {tets} tets are inverted in the bent mesh",
+            share(uncovered, bent),
+            report.inverted
+        ));
+        if bent.beyond > 0 {
+            lines.push(format!(
+                "{} voxels ({:.1} %) lie in parts of the body that reach beyond the scan, and are background",
+                bent.beyond,
+                share(bent.beyond, bent)
+            ));
+        }
+        if overlapping > 0 {
+            lines.push("where tets overlap, the first in the file has the voxel: the body goes through itself there".into());
+        }
+    }
+    if let Some(rest) = &report.rest {
+        lines.push(format!(
+            "{} voxels ({:.1} %) of the scan lie in no tet at rest: they do not move",
+            rest.uncovered,
+            share(rest.uncovered, rest)
+        ));
+    }
+    if report.inverted > 0 {
+        lines.push("what is in an inverted tet is not seen: the body is crushed there; smaller steps or a gentler load may keep it whole".into());
+    }
+    lines
+}

@@ -1,0 +1,178 @@
+//! Which tet holds each voxel of a grid.
+//!
+//! Planes of voxels are done side by side, each by one thread: of the tets whose bounds meet a
+//! plane, row by row, the voxels between the half-planes that bound the tet's section.
+
+use super::tet::{Shift, Weights};
+use super::{Coverage, Way};
+use crate::volume::Grid;
+use crate::{Result, parallel};
+use glam::DVec3;
+
+/// A voxel that no tet holds.
+const NONE: u32 = u32::MAX;
+/// Planes that each thread does between two writes.
+const PLANES_A_THREAD: usize = 4;
+/// Voxels that bounds and intervals are widened by; what they let in too much is held against the
+/// weights.
+const ROOM: f64 = 1e-3;
+
+/// A plane of voxels and how far the matter at each goes.
+pub(super) struct Plane {
+    /// Its place along the grid's third axis.
+    pub k: usize,
+    /// Voxels in a row of it.
+    pub width: usize,
+    /// In mm, in the world, i running fastest; not a number where no tet is.
+    pub shifts: Vec<DVec3>,
+    pub coverage: Coverage,
+}
+
+impl Way<'_> {
+    /// Makes something of each plane of `grid`, several at a time, and gives these to `take` in
+    /// order.
+    pub(super) fn sweep<T: Send>(
+        &self,
+        grid: &Grid,
+        make: impl Fn(Plane) -> T + Sync,
+        take: &mut dyn FnMut(T) -> Result<()>,
+    ) -> Result<()> {
+        let to_index = grid.to_world.inverse();
+        let from = parallel::map(self.from.len(), |v| to_index.transform_point3(self.from[v]));
+        let section = Section {
+            way: *self,
+            nodes: &from,
+            size: grid.size,
+        };
+        let planes = grid.size[2];
+        let slab = (PLANES_A_THREAD * rayon::current_num_threads()).max(1);
+        for first in (0..planes).step_by(slab) {
+            let last = planes.min(first + slab);
+            let tets = section.tets_between(first as f64, last as f64 - 1.0);
+            let made = parallel::map_heavy(last - first, |n| make(section.plane(first + n, &tets)));
+            made.into_iter().try_for_each(&mut *take)?;
+        }
+        Ok(())
+    }
+}
+
+/// A body in the voxel coordinates of a grid.
+struct Section<'a> {
+    way: Way<'a>,
+    nodes: &'a [DVec3],
+    size: [usize; 3],
+}
+
+impl Section<'_> {
+    fn corners(&self, t: u32) -> [DVec3; 4] {
+        self.way.tets[t as usize].map(|v| self.nodes[v as usize])
+    }
+
+    /// The tets with a volume that meet planes `low` to `high`, in rising order.
+    fn tets_between(&self, low: f64, high: f64) -> Vec<u32> {
+        parallel::collect(self.way.tets.len(), |range, found| {
+            let meets = |t: &u32| {
+                let z = self.corners(*t).map(|p| p.z);
+                let (least, most) = ends(z);
+                self.way.upright[*t as usize] && least <= high + ROOM && most >= low - ROOM
+            };
+            found.extend((range.start as u32..range.end as u32).filter(meets));
+        })
+    }
+
+    /// Plane `k`, met by no other tets than these.
+    fn plane(&self, k: usize, tets: &[u32]) -> Plane {
+        let [width, height, _] = self.size;
+        let mut owners = vec![NONE; width * height];
+        // How many tets hold a voxel inside, up to two.
+        let mut inside = vec![0u8; width * height];
+        let z = k as f64;
+        for &t in tets {
+            let corners = self.corners(t);
+            let (low, high) = ends(corners.map(|p| p.z));
+            if low > z + ROOM || high < z - ROOM {
+                continue;
+            }
+            let weights = Weights::new(corners);
+            let (low, high) = ends(corners.map(|p| p.y));
+            for j in whole(low, high, height) {
+                let row = DVec3::new(0.0, j as f64, z);
+                for i in whole_row(&weights, row, width) {
+                    let p = DVec3::new(i as f64, row.y, z);
+                    let (holds, within) = weights.hold(weights.at(p));
+                    let n = i + width * j;
+                    if holds && owners[n] == NONE {
+                        owners[n] = t;
+                    }
+                    if within {
+                        inside[n] = (inside[n] + 1).min(2);
+                    }
+                }
+            }
+        }
+        Plane {
+            k,
+            width,
+            coverage: Coverage {
+                voxels: owners.len(),
+                uncovered: owners.iter().filter(|t| **t == NONE).count(),
+                overlapping: inside.iter().filter(|n| **n > 1).count(),
+                beyond: 0,
+            },
+            shifts: self.shifts(z, &owners),
+        }
+    }
+
+    /// How far the matter of each voxel goes, from the tets that hold them.
+    fn shifts(&self, z: f64, owners: &[u32]) -> Vec<DVec3> {
+        // Voxels of a tet come in runs.
+        let mut last: Option<(u32, Shift)> = None;
+        let width = self.size[0];
+        let shift = |(n, t): (usize, &u32)| {
+            if *t == NONE {
+                return DVec3::NAN;
+            }
+            let shift = match last {
+                Some((own, shift)) if own == *t => shift,
+                _ => Shift::new(&Weights::new(self.corners(*t)), self.way.shifts(*t)),
+            };
+            last = Some((*t, shift));
+            shift.at(DVec3::new((n % width) as f64, (n / width) as f64, z))
+        };
+        owners.iter().enumerate().map(shift).collect()
+    }
+}
+
+/// The least and the largest of four.
+fn ends(of: [f64; 4]) -> (f64, f64) {
+    let ends = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
+    of.into_iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), ends)
+}
+
+/// The whole numbers from `low` to `high` that are below `end`.
+fn whole(low: f64, high: f64, end: usize) -> std::ops::Range<usize> {
+    let first = (low - ROOM).ceil().max(0.0);
+    let last = (high + ROOM).floor().min(end as f64 - 1.0);
+    match first <= last {
+        true => first as usize..last as usize + 1,
+        false => 0..0,
+    }
+}
+
+/// The voxels of a row, from `row` on, that may have weights of 0 or more.
+fn whole_row(weights: &Weights, row: DVec3, width: usize) -> std::ops::Range<usize> {
+    let (mut low, mut high) = (0.0f64, width as f64);
+    let start = weights.at(row);
+    for ((w, slope), slack) in start.into_iter().zip(weights.slopes).zip(weights.slack) {
+        let w = w + slack;
+        if slope.x > 0.0 {
+            low = low.max(-w / slope.x);
+        } else if slope.x < 0.0 {
+            high = high.min(-w / slope.x);
+        } else if w < 0.0 {
+            return 0..0;
+        }
+    }
+    whole(low, high, width)
+}

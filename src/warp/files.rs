@@ -1,0 +1,205 @@
+//! Warped scans and motions as files, in the memory of the scan and a few planes.
+
+use super::cover::Plane;
+use super::field::lps;
+use super::image::Sampler;
+use super::{Coverage, Warp, WarpOptions};
+use crate::io::{Layout, VolumeFormat, VolumeStream, atomic_write};
+use crate::mesh::ScalarType;
+use crate::volume::{Grid, Volume};
+use crate::{Error, Result};
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+/// The files that are wanted: `.nii.gz`, `.nrrd` or `.mha`.
+///
+/// Motions are images of vectors of three 32-bit numbers in mm, in LPS whatever the format says of
+/// the image's own frame, as ITK and what is built on it take displacement fields.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct WarpFiles<'a> {
+    /// The scan in the bent body, on the grid of the output.
+    pub image: Option<&'a Path>,
+    /// The motion from rest to bent, on the scan's grid.
+    pub displacement: Option<&'a Path>,
+    /// The motion from bent to rest, on the grid of the output: a displacement field that resamples
+    /// the scan to the image.
+    pub inverse: Option<&'a Path>,
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WarpReport {
+    /// How the voxels of the output lie in the bent body, where the image or the inverse is wanted.
+    pub bent: Option<Coverage>,
+    /// How the voxels of the scan lie in the body at rest, where the displacement is wanted.
+    pub rest: Option<Coverage>,
+    /// Tets that are flat or turned inside out in the bent body.
+    pub inverted: usize,
+}
+
+impl WarpFiles<'_> {
+    /// Refuses names that cannot be written, before any work.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for an extension that is no volume's, a folder that is not there, two
+    /// files of one name, or none at all.
+    pub fn check(&self) -> Result<()> {
+        let all = [self.image, self.displacement, self.inverse];
+        let all: Vec<&Path> = all.into_iter().flatten().collect();
+        for (n, path) in all.iter().enumerate() {
+            VolumeFormat::of(path)?;
+            let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
+            if let Some(folder) = folder.filter(|f| !f.is_dir()) {
+                return Err(Error::Input(format!(
+                    "{}: there is no folder {} to write it to; make it first",
+                    path.display(),
+                    folder.display()
+                )));
+            }
+            if all[..n].contains(path) {
+                return Err(Error::Input(format!(
+                    "{}: two outputs have this name; give each its own",
+                    path.display()
+                )));
+            }
+        }
+        match all.is_empty() {
+            true => Err(Error::Input("no file is asked for; name one".into())),
+            false => Ok(()),
+        }
+    }
+}
+
+impl Warp<'_> {
+    /// Writes `files` of `scan`, the image and the inverse on `grid`, telling `progress` how many
+    /// planes are done and of how many. The files are all whole, or none is there.
+    ///
+    /// # Errors
+    /// As [`WarpFiles::check`], [`Warp::image`] and [`Warp::displacement`]; what the formats cannot
+    /// hold; or a file cannot be written.
+    pub fn write(
+        &self,
+        scan: &Volume,
+        grid: &Grid,
+        options: &WarpOptions,
+        files: &WarpFiles,
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<WarpReport> {
+        files.check()?;
+        let mut report = WarpReport {
+            inverted: self.inverted(),
+            ..WarpReport::default()
+        };
+        let bent = [files.image, files.inverse].iter().any(Option::is_some);
+        let planes_of = |wanted: bool, grid: &Grid| if wanted { grid.size[2] } else { 0 };
+        let of_rest = planes_of(files.displacement.is_some(), &scan.grid());
+        let planes = planes_of(bent, grid) + of_rest;
+        let mut done = 0;
+        let mut step = || {
+            done += 1;
+            progress(done, planes);
+        };
+        // Before any work: a background that cannot be stored is known to be one.
+        let sampler = Sampler::new(scan, grid, options)?;
+        let scans = scan.grid();
+        let layout = Layout {
+            grid: *grid,
+            ..Layout::of(scan)
+        };
+        // Each within the one before, so that there are all of them or none.
+        opened(files.displacement, vectors(&scans), &mut |displacement| {
+            if displacement.is_some() {
+                report.rest = Some(self.write_rest(&scans, displacement, &mut step)?);
+            }
+            if !bent {
+                return Ok(());
+            }
+            opened(files.image, layout.clone(), &mut |image| {
+                opened(files.inverse, vectors(grid), &mut |inverse| {
+                    let mut both = (image.as_mut(), inverse.as_mut());
+                    let coverage = self.write_bent(&sampler, grid, &mut both, &mut step)?;
+                    report.bent = Some(coverage);
+                    Ok(())
+                })
+            })
+        })?;
+        Ok(report)
+    }
+
+    /// Pushes the planes of the motion from rest to bent.
+    fn write_rest(
+        &self,
+        grid: &Grid,
+        stream: &mut Option<VolumeStream>,
+        step: &mut dyn FnMut(),
+    ) -> Result<Coverage> {
+        let mut coverage = Coverage::default();
+        let way = self.forward();
+        let make = |plane: Plane| (lps(&plane), plane.coverage);
+        way.sweep(grid, make, &mut |(bytes, own)| {
+            coverage.add(own);
+            step();
+            stream.iter_mut().try_for_each(|s| s.push(&bytes))
+        })?;
+        coverage.require_any(&way, grid)?;
+        Ok(coverage)
+    }
+
+    /// Pushes the planes of the image and of the motion from bent to rest, those that are wanted.
+    fn write_bent(
+        &self,
+        sampler: &Sampler,
+        grid: &Grid,
+        (image, inverse): &mut (Option<&mut VolumeStream>, Option<&mut VolumeStream>),
+        step: &mut dyn FnMut(),
+    ) -> Result<Coverage> {
+        let mut coverage = Coverage::default();
+        let way = self.backward();
+        let wanted = [image.is_some(), inverse.is_some()];
+        let make = |plane: Plane| {
+            let values = wanted[0].then(|| sampler.plane(&plane));
+            let (bytes, beyond) = values.map_or((Vec::new(), 0), |(raw, n)| (raw.to_bytes(), n));
+            let vectors = if wanted[1] { lps(&plane) } else { Vec::new() };
+            let own = plane.coverage;
+            (bytes, vectors, Coverage { beyond, ..own })
+        };
+        way.sweep(grid, make, &mut |(bytes, vectors, own)| {
+            coverage.add(own);
+            step();
+            image.iter_mut().try_for_each(|s| s.push(&bytes))?;
+            inverse.iter_mut().try_for_each(|s| s.push(&vectors))
+        })?;
+        coverage.require_any(&way, grid)?;
+        coverage.require_scan()?;
+        Ok(coverage)
+    }
+}
+
+/// What is said of a file of vectors.
+fn vectors(grid: &Grid) -> Layout<'static> {
+    Layout {
+        grid: *grid,
+        scalar: ScalarType::F32,
+        components: 3,
+        slope: 1.0,
+        intercept: 0.0,
+        names: None,
+    }
+}
+
+/// Has `fill` write the volume at `path`, where one is wanted: it is there once all went well.
+fn opened(
+    path: Option<&Path>,
+    layout: Layout,
+    fill: &mut dyn FnMut(&mut Option<VolumeStream>) -> Result<()>,
+) -> Result<()> {
+    let Some(path) = path else {
+        return fill(&mut None);
+    };
+    atomic_write(path, |file: &mut BufWriter<File>| {
+        let mut stream = Some(VolumeStream::begin(path, layout, file)?);
+        fill(&mut stream)?;
+        stream.map_or(Ok(()), VolumeStream::end)
+    })
+}

@@ -1,0 +1,133 @@
+//! One tet: which places it holds, and the affine way that it goes.
+
+use glam::{DMat3, DVec3};
+
+/// Share of the cube of its longest edge below which a tet has no volume.
+const FLAT: f64 = 1e-12;
+
+/// How far outside of a face a place still counts as on it: in voxels, or for tets thinner than
+/// that as a weight. Far above rounding, far below what can be seen.
+const ON_FACE: f64 = 1e-6;
+
+/// Whether a tet has a volume, and is not turned inside out.
+pub(super) fn has_volume([a, b, c, d]: [DVec3; 4]) -> bool {
+    let [x, y, z] = [b - a, c - a, d - a];
+    let edges = [x, y, z, y - x, z - y, x - z];
+    let longest = edges.iter().map(|e| e.length_squared()).fold(0.0, f64::max);
+    x.cross(y).dot(z) > FLAT * longest.sqrt().powi(3)
+}
+
+/// The barycentric weights of places in a tet, which are affine in the place.
+#[derive(Clone, Copy)]
+pub(super) struct Weights {
+    pub origin: DVec3,
+    /// How each weight grows with the place; the first is 1 at the origin, the others 0.
+    pub slopes: [DVec3; 4],
+    /// How far below 0 each may be on the tet's faces.
+    pub slack: [f64; 4],
+}
+
+impl Weights {
+    /// Of a tet with a volume, in a frame whose unit is about a voxel.
+    pub fn new([a, b, c, d]: [DVec3; 4]) -> Weights {
+        let inverse = DMat3::from_cols(b - a, c - a, d - a).inverse().transpose();
+        let [x, y, z] = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
+        let slopes = [-(x + y + z), x, y, z];
+        Weights {
+            origin: a,
+            slopes,
+            slack: slopes.map(|slope| ON_FACE * slope.length().min(1.0)),
+        }
+    }
+
+    /// The weights at `p`.
+    pub fn at(&self, p: DVec3) -> [f64; 4] {
+        let [x, y, z] = [1, 2, 3].map(|n| self.slopes[n].dot(p - self.origin));
+        [1.0 - x - y - z, x, y, z]
+    }
+
+    /// Whether the tet holds a place with these weights, its faces included; and whether inside.
+    pub fn hold(&self, weights: [f64; 4]) -> (bool, bool) {
+        let (mut holds, mut inside) = (true, true);
+        for (w, slack) in weights.into_iter().zip(self.slack) {
+            holds &= w >= -slack;
+            inside &= w > slack;
+        }
+        (holds, inside)
+    }
+}
+
+/// How far a tet's matter goes, as an affine function of the place: exactly 0 where it does not
+/// move, however the weights are rounded.
+#[derive(Clone, Copy)]
+pub(super) struct Shift {
+    origin: DVec3,
+    first: DVec3,
+    /// By the place less the origin.
+    slope: DMat3,
+}
+
+impl Shift {
+    /// Of a tet whose corners, at which `weights` were made, move by `shifts`.
+    pub fn new(weights: &Weights, [a, b, c, d]: [DVec3; 4]) -> Shift {
+        let [_, x, y, z] = weights.slopes;
+        let rows = DMat3::from_cols(x, y, z).transpose();
+        Shift {
+            origin: weights.origin,
+            first: a,
+            slope: DMat3::from_cols(b - a, c - a, d - a) * rows,
+        }
+    }
+
+    pub fn at(&self, p: DVec3) -> DVec3 {
+        self.first + self.slope * (p - self.origin)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CORNERS: [DVec3; 4] = [
+        DVec3::new(1.0, 1.0, 1.0),
+        DVec3::new(4.0, 1.0, 1.0),
+        DVec3::new(1.0, 4.0, 1.0),
+        DVec3::new(1.0, 1.0, 4.0),
+    ];
+
+    #[test]
+    fn weights_are_one_at_their_corner_and_tell_inside_from_faces() {
+        let weights = Weights::new(CORNERS);
+        for (n, corner) in CORNERS.into_iter().enumerate() {
+            for (m, w) in weights.at(corner).into_iter().enumerate() {
+                assert!((w - f64::from(u8::from(m == n))).abs() < 1e-15);
+            }
+            assert_eq!(weights.hold(weights.at(corner)), (true, false));
+        }
+        let of = |x, y, z| weights.hold(weights.at(DVec3::new(x, y, z)));
+        assert_eq!(of(1.5, 1.5, 1.5), (true, true));
+        assert_eq!(of(2.0, 2.0, 2.0), (true, false));
+        assert_eq!(of(1.5, 1.5, 1.0), (true, false));
+        assert_eq!(of(1.5, 1.5, 0.99), (false, false));
+        assert_eq!(of(2.1, 2.1, 2.1), (false, false));
+    }
+
+    #[test]
+    fn shifts_are_those_of_the_corners() {
+        let turn = DMat3::from_rotation_z(0.3);
+        let moved = CORNERS.map(|p| turn * p - p);
+        let shift = Shift::new(&Weights::new(CORNERS), moved);
+        let p = DVec3::new(1.7, 1.2, 2.1);
+        assert!((p + shift.at(p)).abs_diff_eq(turn * p, 1e-14));
+        let none = Shift::new(&Weights::new(CORNERS), [DVec3::ZERO; 4]);
+        assert_eq!(none.at(p), DVec3::ZERO);
+    }
+
+    #[test]
+    fn a_tet_inside_out_or_flat_has_no_volume() {
+        let [a, b, c, d] = CORNERS;
+        assert!(has_volume(CORNERS));
+        assert!(!has_volume([a, c, b, d]));
+        assert!(!has_volume([a, b, c, a + 0.3 * (b - a) + 0.2 * (c - a)]));
+    }
+}
