@@ -123,7 +123,11 @@ mod tests {
     #[test]
     fn bounds_hold_all_that_is_sampled() {
         let size = [21, 13, 9];
-        let texel = |n: usize| ((n * 7919) % 1013) as f64 / 1013.0;
+        // Grows along x, with a noise on it.
+        let texel = |n: usize| {
+            let noise = ((n * 7919) % 1013) as f64 / 1013.0;
+            0.9 * (n % size[0]) as f64 / 20.0 + 0.1 * noise
+        };
         let values: Vec<f16> = (0..size.iter().product())
             .map(|n| f16::from_f64(texel(n)))
             .collect();
@@ -153,7 +157,7 @@ mod tests {
                 let value = f32::from(values[at[0] + size[0] * (at[1] + size[1] * at[2])]);
                 assert!((low..=high).contains(&value), "{value} of [{low}, {high}]");
             }
-            told += usize::from(high - low < 0.9);
+            told += usize::from(high - low < 0.6);
         }
         assert!(told > 20, "bounds that tell something: {told}");
         assert!(
