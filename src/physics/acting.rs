@@ -27,7 +27,8 @@ pub struct Muscle {
 /// What acts on a body at a level.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Acting {
-    /// Pressure on these faces of the boundary, along their normals as they turn: positive inwards.
+    /// Pressure on these faces of tets, of the boundary or where regions meet, along their normals as
+    /// they turn: positive into the tet.
     /// Its level is the pressure in Pa.
     Pressure(Vec<BoundaryFace>),
     /// A muscle, of finite elements. Its level is the activation, from 0 to 1.
@@ -43,7 +44,7 @@ impl Acting {
                 let strange = |f: &BoundaryFace| f.tet >= tets || f.face > 3;
                 if faces.is_empty() || faces.iter().any(strange) {
                     return Err(Error::Input(format!(
-                        "pressure on {} faces of a mesh of {tets} tets makes no sense; give faces of its boundary",
+                        "pressure on {} faces of a mesh of {tets} tets makes no sense; give faces of its tets",
                         faces.len()
                     )));
                 }

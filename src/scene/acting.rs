@@ -1,9 +1,10 @@
 //! Pressures, moves and muscles of a scene, as time goes on.
 
 use super::path::{Way, acceleration, value_at};
+use super::region::{self, LabelOrName};
 use super::tool::Guided;
 use super::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene};
-use crate::mesh::{Location, TetMesh};
+use crate::mesh::{BoundaryFace, Location, TetMesh, Topology};
 use crate::physics::{Acting, LedId, LevelId, Muscle, Simulator, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -155,14 +156,18 @@ impl PressureEntry {
             face.iter().all(|v| inside[*v as usize])
                 && facing.is_none_or(|way| normal.dot(way.normalize()) >= FACING)
         };
-        let boundary = topology.boundary.iter().copied();
-        let faces: Vec<_> = boundary
-            .filter(|b| wanted(topology.boundary_nodes(mesh, *b)))
-            .collect();
+        let mut faces = match &self.between {
+            Some(between) => faces_between(mesh, topology, between)?,
+            None => topology.boundary.clone(),
+        };
+        faces.retain(|b| wanted(topology.boundary_nodes(mesh, *b)));
         if faces.is_empty() {
             let facing = facing.map_or(String::new(), |way| format!(" that faces {way}"));
             return Err(Error::Input(format!(
-                "a [[pressure]] acts on no face{facing}: no face of the boundary has all its nodes {}; choose more with `on` or `facing`",
+                "a [[pressure]] acts on no face{facing}: no face {} has all its nodes {}; choose more with `on` or `facing`",
+                self.between
+                    .as_ref()
+                    .map_or("of the boundary", |_| "where the two regions meet"),
                 self.on
                     .as_ref()
                     .map_or("there".into(), |on| format!("in {on}"))
@@ -170,6 +175,30 @@ impl PressureEntry {
         }
         Ok(Acting::Pressure(faces))
     }
+}
+
+/// The faces of the second region's tets that the first lies behind.
+fn faces_between(
+    mesh: &TetMesh,
+    topology: &Topology,
+    between: &[LabelOrName; 2],
+) -> Result<Vec<BoundaryFace>> {
+    let labels = region::labels(mesh)?;
+    let [pressing, pressed] = [between[0].label(mesh)?, between[1].label(mesh)?].map(|l| l as f64);
+    let mut faces = Vec::new();
+    for (t, neighbours) in topology.neighbours.iter().enumerate() {
+        for (f, beyond) in neighbours.iter().enumerate() {
+            // Of a face of the boundary there is none.
+            let behind = labels.get(*beyond as usize / 4);
+            if labels[t] == pressed && behind == Some(&pressing) {
+                faces.push(BoundaryFace {
+                    tet: t as u32,
+                    face: f as u32,
+                });
+            }
+        }
+    }
+    Ok(faces)
 }
 
 impl MoveEntry {

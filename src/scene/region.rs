@@ -213,15 +213,20 @@ impl fmt::Display for Region {
     }
 }
 
-fn labelled_nodes(mesh: &TetMesh, label: i64) -> Result<Vec<bool>> {
+/// The label of every tet.
+pub(super) fn labels(mesh: &TetMesh) -> Result<&[f64]> {
     let field = mesh.field("label", Location::Cell);
     let field = field.or_else(|| mesh.region_field()).ok_or_else(|| {
         Error::Input(
             "a region by label needs a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
         )
     })?;
+    Ok(&field.values)
+}
+
+fn labelled_nodes(mesh: &TetMesh, label: i64) -> Result<Vec<bool>> {
     let mut chosen = vec![false; mesh.nodes.len()];
-    for (tet, value) in mesh.tets.iter().zip(&field.values) {
+    for (tet, value) in mesh.tets.iter().zip(labels(mesh)?) {
         if *value == label as f64 {
             for v in tet {
                 chosen[*v as usize] = true;

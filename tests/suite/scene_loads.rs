@@ -2,7 +2,7 @@
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
-use palpate::mesh::{TetMesh, Topology};
+use palpate::mesh::{Field, Location, TetMesh, Topology, generate};
 use palpate::physics::Engine;
 use palpate::scene::{Scene, Stage};
 
@@ -167,12 +167,56 @@ fn pressure_presses_on_what_faces_it_and_the_pin_bears_it() {
     assert!(up.z > 3.0, "{up}");
 }
 
+#[test]
+fn one_region_presses_on_another() {
+    let folder = std::env::temp_dir().join(format!("palpate-between-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let mut mesh = generate::box_mesh([4, 4, 4], DVec3::splat(0.1), generate::Split::Five).unwrap();
+    let middle = mesh.bounds().0.z + 0.05;
+    let upper = |t| mesh.tet_nodes(t).iter().all(|p| p.z > middle - 1e-9);
+    let labels = (0..mesh.tets.len()).map(|t| if upper(t) { 2.0 } else { 1.0 });
+    let labels = Field::scalar("label", Location::Cell, labels.collect());
+    mesh.set_field(labels).unwrap();
+    let file = folder.join("halves.vtu");
+    palpate::io::write(&file, &mesh).unwrap();
+    let text = BOX.replace(
+        "generate = \"box\"\ntets = 384",
+        &format!("file = {:?}", file.display().to_string()),
+    );
+    let text = |more: &str| {
+        format!("{text}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\npascal = 400.0\n{more}")
+    };
+    // 400 Pa on a square of 0.1 m, both ways: as much less or more for the pin to bear.
+    for (between, sign) in [("[2, 1]", 1.0), ("[1, 2]", -1.0)] {
+        let mut stage = stage(&text(&format!("between = {between}\n")));
+        run(&mut stage, 40);
+        let force = stage.reactions().unwrap()[0].1.force + 9.81 * DVec3::Z;
+        assert!(
+            (sign * force.z / -4.0 - 1.0).abs() < 0.1,
+            "{between}: {force}"
+        );
+    }
+    // A part of where they meet.
+    let mut half = stage(&text(&format!(
+        "between = [2, 1]\non = {{ x_below = {} }}\n",
+        mesh.bounds().0.x + 0.0501
+    )));
+    run(&mut half, 40);
+    let force = half.reactions().unwrap()[0].1.force + 9.81 * DVec3::Z;
+    assert!((force.z / -2.0 - 1.0).abs() < 0.1, "{force}");
+    for (more, words) in [
+        ("between = [1, 3]\n", ["no face", "two regions meet"]),
+        ("between = [\"lung\", 1]\n", ["lung", "region"]),
+    ] {
+        let said = refused(&text(more));
+        assert!(words.iter().all(|w| said.contains(w)), "{words:?}: {said}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// The volume of the tets of a region, its length along z, and its mean cross-section.
 fn shape(mesh: &TetMesh, nodes: &[DVec3], label: f64) -> [f64; 3] {
-    let labels = &mesh
-        .field("label", palpate::mesh::Location::Cell)
-        .unwrap()
-        .values;
+    let labels = &mesh.field("label", Location::Cell).unwrap().values;
     let (mut volume, mut low, mut high) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
     for (tet, own) in mesh.tets.iter().zip(labels) {
         if *own == label {

@@ -1,4 +1,4 @@
-//! Pressure on faces of the boundary: a load that follows them as they turn.
+//! Pressure on faces, of the boundary or where regions meet: a load that follows them as they turn.
 //!
 //! On each node of a face −⅓ p A n, A n = ½ (x₁ − x₀) × (x₂ − x₀) where the nodes are. Implicit
 //! steps take it at their start, as they do all loads: it has no part in the second derivatives.

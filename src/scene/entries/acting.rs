@@ -4,7 +4,7 @@ use crate::scene::{LabelOrName, Region};
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// Pressure on a patch of the boundary. It acts along the normals of its faces as they turn, those
+/// Pressure on a patch of the boundary, or of where two regions meet. It acts along the normals of its faces as they turn, those
 /// at the start of each step: it has no part in the second derivatives of implicit steps. A body of
 /// tets on the processor's engine.
 ///
@@ -12,15 +12,19 @@ use std::path::PathBuf;
 /// [[pressure]]
 /// on = { axis = "z", above = 0.9 }   # faces with all nodes in it; the whole boundary without
 /// facing = [0.0, 0, 1]    # of these, those that face within 45° of it at rest
+/// # between = ["lung", "body"]        # in place of the boundary: the first region presses on the second
 /// pascal = 500.0          # inwards; or [[0.0, 0.0], [0.5, 500.0]]: time in s and pressure
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PressureEntry {
-    /// Where: faces of the boundary all of whose nodes are in it.
+    /// Where: faces all of whose nodes are in it.
     pub on: Option<Region>,
     /// Faces whose normals at rest lie within 45° of this direction.
     pub facing: Option<[f64; 3]>,
+    /// Of the faces where these regions meet, by name or label, not of the boundary: the first presses
+    /// on the second.
+    pub between: Option<[LabelOrName; 2]>,
     /// The pressure in Pa, positive inwards.
     pub pascal: Course,
 }
