@@ -271,6 +271,10 @@ impl SceneFlags {
             };
             scene.scan = given.scan.iter().map(entry).collect();
         }
+        if let Some(first) = scene.scan.first_mut() {
+            over(given.range.map(|r| r.0), &mut first.range);
+            over(given.transfer.clone(), &mut first.transfer);
+        }
         over(given.range.map(|r| r.0), &mut scene.picture.range);
         if !given.write_fields.is_empty() {
             scene.output.fields = given.write_fields;
@@ -297,6 +301,9 @@ impl SceneFlags {
         over(given.time.then_some(true), &mut scene.picture.time);
         if given.fov.is_some() {
             scene.camera.orthographic = None;
+        }
+        if given.orthographic.is_some() {
+            scene.camera.fov = None;
         }
         over(given.fov, &mut scene.camera.fov);
         over(given.orthographic, &mut scene.camera.orthographic);

@@ -18,6 +18,7 @@ mod scene_contact;
 mod scene_fields;
 mod scene_loads;
 mod scene_reactions;
+mod scene_scan;
 mod scene_tools;
 mod scenes;
 mod skin;

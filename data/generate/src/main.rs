@@ -2,6 +2,7 @@
 //! argument) anew.
 
 mod bars;
+mod chest;
 mod heart;
 mod phantoms;
 
@@ -39,6 +40,7 @@ pub fn volumes() -> Vec<(&'static str, Volume)> {
     vec![
         ("knee.nrrd", phantoms::knee()),
         ("head_ct.mha", phantoms::head_ct()),
+        ("chest_ct.mha", chest::chest_ct()),
         ("head_mri.nii.gz", phantoms::head_mri()),
         ("heart.nrrd", heart::labels()),
     ]

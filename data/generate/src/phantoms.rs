@@ -21,20 +21,20 @@ const KNEE: [(u8, &str); 10] = [
 ];
 
 /// Union of two solids with the crease between them filled.
-fn blend(a: f64, b: f64, width: f64) -> f64 {
+pub fn blend(a: f64, b: f64, width: f64) -> f64 {
     let h = (width - (a - b).abs()).max(0.0) / width;
     a.min(b) - 0.25 * h * h * width
 }
 
 /// About the distance to an ellipsoid, negative inside.
-fn ellipsoid(p: DVec3, centre: DVec3, radii: DVec3) -> f64 {
+pub fn ellipsoid(p: DVec3, centre: DVec3, radii: DVec3) -> f64 {
     let q = (p - centre) / radii;
     let steepness = (q / radii).length().max(1e-12);
     q.length() * (q.length() - 1.0) / steepness
 }
 
 /// A rod with round ends.
-fn rod(p: DVec3, a: DVec3, b: DVec3, radius: f64) -> f64 {
+pub fn rod(p: DVec3, a: DVec3, b: DVec3, radius: f64) -> f64 {
     let along = ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
     p.distance(a.lerp(b, along)) - radius
 }
@@ -152,7 +152,7 @@ fn head(p: DVec3) -> Head {
 }
 
 /// Passes from `outside` to `inside` over one voxel's width about the surface.
-fn over(outside: f64, inside: f64, distance: f64, width: f64) -> f64 {
+pub fn over(outside: f64, inside: f64, distance: f64, width: f64) -> f64 {
     outside + (inside - outside) * (0.5 - distance / width).clamp(0.0, 1.0)
 }
 
@@ -193,12 +193,12 @@ pub fn head_mri() -> Volume {
 }
 
 /// The transform that puts the middle of a grid at `middle`.
-fn centred(axes: DMat3, size: [usize; 3], middle: DVec3) -> DAffine3 {
+pub fn centred(axes: DMat3, size: [usize; 3], middle: DVec3) -> DAffine3 {
     let half = DVec3::from(size.map(|n| (n as f64 - 1.0) / 2.0));
     DAffine3::from_mat3_translation(axes, middle - axes * half)
 }
 
-fn volume<T>(
+pub fn volume<T>(
     size: [usize; 3],
     to_world: DAffine3,
     value: impl Fn(DVec3) -> T,

@@ -7,6 +7,7 @@ mod frames;
 mod mesh;
 mod pick;
 mod resume;
+mod scan;
 mod warp;
 
 use std::collections::BTreeSet;

@@ -1,0 +1,128 @@
+//! `--scan`, `--rest`, `--mode xray`: scans that bodies carry, from the command line.
+
+use crate::cli::*;
+use glam::DVec3;
+use palpate::io;
+use palpate::mesh::{Field, Location};
+use palpate::render::Image;
+
+/// A mesh of a phantom's scan, at rest and bent, the second also with its displacement.
+fn meshes(folder: &Path, scan: &str, regions: &[&str]) -> [PathBuf; 3] {
+    let [rest, bent, told] = ["rest.vtu", "bent.vtu", "told.vtu"].map(|f| folder.join(f));
+    let mesh = [
+        &["mesh", scan, "--tets", "4000", "--out", text(&rest)],
+        regions,
+    ]
+    .concat();
+    stdout(&palpate(&mesh));
+    let mut mesh = io::read(&rest).unwrap();
+    let (low, high) = mesh.bounds();
+    let middle = 0.5 * (low + high);
+    let moved: Vec<DVec3> = mesh
+        .nodes
+        .iter()
+        .map(|p| DVec3::new(0.004 * (p.z - middle.z).powi(2), 0.0, 6.0))
+        .collect();
+    mesh.nodes
+        .iter_mut()
+        .zip(&moved)
+        .for_each(|(p, u)| *p += *u);
+    io::write(&bent, &mesh).unwrap();
+    let values = moved.iter().flat_map(|u| u.to_array()).collect();
+    mesh.set_field(Field {
+        components: 3,
+        ..Field::scalar("displacement", Location::Node, values)
+    })
+    .unwrap();
+    io::write(&told, &mesh).unwrap();
+    [rest, bent, told]
+}
+
+const VIEW: &[&str] = &["--size", "80x80", "--eye=-60,420,60", "--look-at=2,4,0"];
+
+fn drawn(mesh: &Path, scan: &str, out: &Path, more: &[&str]) -> (Image, String) {
+    let fixed = ["render", text(mesh), "--scan", scan, "--out", text(out)];
+    let output = palpate(&[&fixed, VIEW, more].concat());
+    stdout(&output);
+    let said = String::from_utf8(output.stderr).unwrap();
+    (Image::open(out).unwrap(), said)
+}
+
+#[test]
+fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
+    let folder = folder("scan_rest");
+    let scan = format!("{DATA}/knee.nrrd");
+    let [rest, bent, told] = meshes(&folder, &scan, &["--labels", "all"]);
+    let out = |name: &str| folder.join(name);
+    let (straight, said) = drawn(&rest, &scan, &out("rest.exr"), &[]);
+    assert!(said.contains("11 different whole numbers"), "{said}");
+    let (by_mesh, _) = drawn(&bent, &scan, &out("a.exr"), &["--rest", text(&rest)]);
+    let (by_field, said) = drawn(&told, &scan, &out("b.exr"), &[]);
+    assert!(said.contains("field displacement"), "{said}");
+    let unlike = |a: &Image, b: &Image| {
+        let each = a.values.iter().zip(&b.values);
+        each.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / a.values.len() as f64
+    };
+    assert!(unlike(&by_mesh, &by_field) < 1e-4);
+    assert!(unlike(&straight, &by_mesh) > 0.01);
+    // Not told, it is taken to rest as it stands: the scan stays where it was.
+    let (unmoved, _) = drawn(&bent, &scan, &out("c.exr"), &[]);
+    assert!(unlike(&unmoved, &by_mesh) > 0.01);
+    let file = out("d.png");
+    let bent = ["render", text(&bent), "--scan", &scan, "--out", text(&file)];
+    let limb = format!("{DATA}/limb.vtu");
+    let said = failure(&palpate(&[&bent[..], &["--rest", &limb]].concat()));
+    assert!(
+        said.contains("limb.vtu") && said.contains("at rest"),
+        "{said}"
+    );
+    let nothing = [
+        "render",
+        &limb,
+        "--scan",
+        "nothing.nrrd",
+        "--out",
+        text(&file),
+    ];
+    assert!(failure(&palpate(&nothing)).contains("nothing.nrrd"));
+}
+
+#[test]
+fn x_rays_go_by_the_energy_and_the_film_by_the_scene() {
+    let folder = folder("scan_xray");
+    let scan = format!("{DATA}/chest_ct.mha");
+    let regions = [
+        "--between",
+        "air=-1100..-400",
+        "--between",
+        "body=-400..3000",
+    ];
+    let [rest, ..] = meshes(&folder, &scan, &regions);
+    let sum = |energy: &str| {
+        let out = folder.join(format!("{energy}.exr"));
+        let (image, _) = drawn(&rest, &scan, &out, &["--mode", "xray", "--energy", energy]);
+        let values = image.values.chunks(image.channels).map(|p| f64::from(p[0]));
+        let most = values.clone().fold(0.0, f64::max);
+        (values.sum::<f64>(), most)
+    };
+    let (soft, most) = sum("60");
+    let (hard, _) = sum("120");
+    println!("∫ μ dl sums to {soft:.1} at 60 keV, {hard:.1} at 120; at most {most:.2}");
+    // Water: 0.206 and 0.161 per cm; 22 cm of a chest, with a spine.
+    assert!((1.2..1.5).contains(&(soft / hard)), "{soft} {hard}");
+    assert!((3.0..9.0).contains(&most), "{most}");
+    let film = |out: &str, more: &[&str]| {
+        let out = folder.join(out);
+        let (_, said) = drawn(&rest, &scan, &out, &[&["--mode", "xray"], more].concat());
+        (Image::open(&out).unwrap(), said)
+    };
+    let (film, _) = film("film.png", &[]);
+    let brightest = film.values.iter().fold(0.0f32, |m, v| m.max(*v));
+    assert!(brightest > 0.9, "{brightest}");
+    let mut rgb = film.values.chunks(film.channels);
+    assert!(rgb.all(|p| p[0] == p[1] && p[1] == p[2]), "it is grey");
+    let fixed = ["render", text(&rest), "--scan", &scan, "--out", "a.png"];
+    let wrong = palpate(&[&fixed[..], &["--mode", "xray", "--energy", "5"]].concat());
+    let said = failure(&wrong);
+    assert!(said.contains('5') && said.contains("20"), "{said}");
+}
