@@ -1,7 +1,7 @@
 // How strongly what a scalar stands for attenuates X-rays. The twin of `render::xray`. Needs lib/view,
 // `tets` and `rests`, and `corner_at` of the walk that imports it.
 
-// The share of the range below which ends of a stretch are alike.
+// The share of the way from air to water, or of the range, below which ends of a stretch are alike.
 const ALIKE: f32 = 0.01;
 // Of a tet as it was at rest: less is taken for this.
 const FLATTEST: f32 = 1e-4;
@@ -24,7 +24,7 @@ fn attenuation_up_to(s: f32) -> f32 {
 
 // The mean between two shares.
 fn mean_attenuation(a: f32, b: f32) -> f32 {
-    if abs(b - a) < ALIKE {
+    if abs(b - a) < ALIKE * min(params.xray.y - params.xray.x, 1.0) {
         return (attenuation(a) + 4.0 * attenuation(0.5 * (a + b)) + attenuation(b)) / 6.0;
     }
     return (attenuation_up_to(b) - attenuation_up_to(a)) / (b - a);

@@ -18,6 +18,9 @@ struct Scan {
     look: vec4<f32>,
 }
 
+// Numbers of labels are told in parts of this.
+const MOST_LABELS: f32 = 1024.0;
+
 // One after the other along z: values from -1 to 1 over all that occur, or numbers of labels.
 @group(0) @binding(next) var scan: texture_3d<f32>;
 @group(0) @binding(next) var scan_sampler: sampler;
@@ -49,7 +52,7 @@ fn share_at(k: u32, p: vec3<f32>) -> f32 {
 fn label_at(k: u32, p: vec3<f32>) -> u32 {
     let size = scans[k].size;
     let q = clamp(floor(p + 0.5), vec3(0.0), size.xyz - 1.0) + vec3(0.0, 0.0, size.w);
-    return u32(textureLoad(scan, vec3<i32>(q), 0).x + 0.5);
+    return u32(MOST_LABELS * textureLoad(scan, vec3<i32>(q), 0).x + 0.5);
 }
 
 #for render/shadow_fill

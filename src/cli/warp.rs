@@ -78,19 +78,22 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
                     "name the mesh at rest (--mesh REST); only a scene knows its own".into(),
                 )
             })?;
-            let bent = read(&arguments.to)?;
+            let mut bent = read(&arguments.to)?;
             // Where only one of them tells its unit, it is that of both.
             let unit = bent.length_unit.or(rest.length_unit);
+            bent.length_unit = unit;
+            let length_unit = rest.length_unit.or(unit);
             (
-                rest,
                 TetMesh {
-                    length_unit: unit,
-                    ..bent
+                    length_unit,
+                    ..rest
                 },
+                bent,
             )
         }
     };
-    require_same(&rest, &bent).map_err(|what| Error::format(&arguments.to, what))?;
+    let wrong = |e: Error| Error::format(&arguments.to, e.to_string());
+    bent.check_moved_from(&rest).map_err(wrong)?;
     let (rest, bent) = (in_mm(rest)?, in_mm(bent)?.nodes);
     let warp = Warp::new(&rest, &bent)?;
     let options = WarpOptions {
@@ -147,45 +150,21 @@ fn of_scene(
     })?;
     let mut bent = stage.deformed_mesh()?;
     bent.length_unit = unit.or(bent.length_unit);
-    let mut rest = given.unwrap_or_else(|| stage.mesh().clone());
-    rest.length_unit = rest.length_unit.or(bent.length_unit);
-    Ok((rest, bent))
-}
-
-/// Refuses a bent mesh that is not `rest` with its nodes moved, in words. Tets may be in another
-/// order, and readers turn those that are inside out and drop flat ones.
-fn require_same(rest: &TetMesh, bent: &TetMesh) -> std::result::Result<(), String> {
-    let advice = "give the mesh at rest with its nodes moved, as `palpate render --mesh-out` or `simulate` write it";
-    if bent.nodes.len() != rest.nodes.len() {
-        return Err(format!(
-            "this mesh has {} nodes, but the one at rest has {}; {advice}",
-            bent.nodes.len(),
-            rest.nodes.len()
-        ));
-    }
-    let flat = bent.repairs.degenerate;
-    if bent.tets.len() + flat != rest.tets.len() {
-        return Err(format!(
-            "this mesh has {} tets, but the one at rest has {}; {advice}",
-            bent.tets.len() + flat,
-            rest.tets.len()
-        ));
-    }
-    let sorted = |tet: &[u32; 4]| {
-        let mut tet = *tet;
-        tet.sort_unstable();
-        tet
+    let rest = match given {
+        Some(given) => {
+            bent.length_unit = bent.length_unit.or(given.length_unit);
+            let length_unit = given.length_unit.or(bent.length_unit);
+            TetMesh {
+                length_unit,
+                ..given
+            }
+        }
+        None => TetMesh {
+            length_unit: bent.length_unit,
+            ..stage.mesh().clone()
+        },
     };
-    let mut of_rest: Vec<[u32; 4]> = rest.tets.iter().map(sorted).collect();
-    of_rest.sort_unstable();
-    let other = |tet: &[u32; 4]| of_rest.binary_search(&sorted(tet)).is_err();
-    match bent.tets.iter().position(other) {
-        None => Ok(()),
-        Some(t) => Err(format!(
-            "tet {t} (counted from 0) joins nodes {:?}, which no tet of the mesh at rest does; {advice}",
-            bent.tets[t]
-        )),
-    }
+    Ok((rest, bent))
 }
 
 /// The mesh in mm, the unit of scans; one that tells no unit is.

@@ -14,6 +14,7 @@ pub mod generate;
 mod grouped;
 mod hierarchy;
 mod merge;
+mod moved;
 mod order;
 mod packed_normal;
 mod part;

@@ -65,7 +65,9 @@ impl RaycastOptions {
             accuracy: TABLE_SHARE * tolerance,
             light: Light::None,
             shadows: 0.0,
-            scan_step: (SCAN_SHARE * 255.0 * tolerance).sqrt().min(1.0),
+            scan_step: (SCAN_SHARE * 255.0 * tolerance)
+                .sqrt()
+                .clamp(1.0 / 64.0, 1.0),
             xray: Xray::default(),
         }
     }

@@ -46,7 +46,8 @@ impl Surroundings {
         let picture = &scene.picture;
         let mode = scene.display_mode()?;
         let with_planes = scene.plane.len() + scene.isosurface.len() > 0;
-        let coloured = picture.field.is_some() || picture.transfer.is_some();
+        let named = picture.field.is_some() || picture.transfer.is_some();
+        let coloured = named && scene.scan.is_empty();
         let shows = match mode {
             DisplayMode::Inside(_) => true,
             DisplayMode::Surface => coloured || with_planes,

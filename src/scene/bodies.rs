@@ -57,6 +57,11 @@ impl Scene {
         for (i, entry) in self.body.iter().enumerate() {
             let name = entry.name.clone();
             let name = name.unwrap_or_else(|| format!("body {}", i + 1));
+            if entry.mesh.rest.is_some() {
+                return Err(Error::Input(format!(
+                    "body \"{name}\": `rest` is for a scene of one body that nothing moves; leave it out"
+                )));
+            }
             if sources.iter().any(|s| s.name == name) {
                 return Err(Error::Input(format!(
                     "two bodies are called \"{name}\"; give each a name of its own"

@@ -41,9 +41,13 @@ impl Scene {
         nodes: &Nodes,
         notes: &mut Vec<String>,
     ) -> Result<(Raycaster, Surface)> {
+        let mode = self.display_mode()?;
         let (positions, frame) = (nodes.array(), nodes.frame());
         let mut geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
-        if self.picture.range.is_some() && scans.is_empty() {
+        if self.picture.range.is_some()
+            && scans.is_empty()
+            && mode != DisplayMode::Inside(Mode::Xray)
+        {
             geometry.set_scalars(mesh, seen.scalars(), seen.range)?;
         }
         let transfer = self.transfer(seen)?;
@@ -55,7 +59,6 @@ impl Scene {
         let mut surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
         let mut options = self.options()?;
         let composite = DisplayMode::Inside(Mode::Composite);
-        let mode = self.display_mode()?;
         let with_isosurfaces = mode == DisplayMode::Surface && !self.isosurface.is_empty();
         if mode != composite && !with_isosurfaces {
             options.light = Light::None;

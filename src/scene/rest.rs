@@ -17,20 +17,31 @@ impl Scene {
         mesh: &mut TetMesh,
     ) -> Result<Option<(Vec<DVec3>, Option<String>)>> {
         if let Some(file) = &self.mesh.rest {
-            let rest = io::read(file)?;
-            if rest.tets != mesh.tets || rest.nodes.len() != mesh.nodes.len() {
-                return Err(Error::Input(format!(
-                    "{} is not the mesh at rest: it has {} nodes and {} tets, the deformed one {} and {}, and both need the same in the same order",
-                    file.display(),
-                    rest.nodes.len(),
-                    rest.tets.len(),
-                    mesh.nodes.len(),
-                    mesh.tets.len()
-                )));
+            if !(self.mesh.part.is_empty() && self.mesh.join.is_empty()) {
+                return Err(Error::Input(
+                    "[mesh] rest goes with a mesh that is as its file has it, not with `part` or `join`; leave one of them out".into(),
+                ));
             }
-            return Ok(Some((std::mem::replace(&mut mesh.nodes, rest.nodes), None)));
+            let rest = io::read(file)?;
+            let wrong = |e: Error| {
+                Error::Input(format!(
+                    "{} is not the mesh at rest of the one that is drawn: {e}",
+                    file.display()
+                ))
+            };
+            mesh.check_moved_from(&rest).map_err(wrong)?;
+            let now = std::mem::replace(&mut mesh.nodes, rest.nodes);
+            // Readers turned those that the motion has turned inside out.
+            for t in 0..mesh.tets.len() {
+                if mesh.tet_volume(t) < 0.0 {
+                    mesh.tets[t].swap(2, 3);
+                }
+            }
+            return Ok(Some((now, None)));
         }
-        let needed = !self.scan.is_empty() || self.plane.iter().any(|plane| plane.rest);
+        let needed = !self.scan.is_empty()
+            || self.picture.mode.as_deref() == Some("xray")
+            || self.plane.iter().any(|plane| plane.rest);
         let field = mesh.field(DISPLACEMENT, Location::Node);
         let Some(field) = field.filter(|f| needed && f.components == 3) else {
             return Ok(None);

@@ -41,11 +41,15 @@ impl Scene {
         if self.picture.field.is_some() {
             notes.push("the scan is shown, and the mesh's field is not: --field and [picture] field are passed over".to_owned());
         }
+        // Of these the first scan is taken for values, unless it is said to have labels.
+        let mode = self.picture.mode.as_deref();
+        let sums_values = matches!(mode, Some("mip" | "minip" | "mean" | "xray"));
         let mut read = Vec::new();
         for entry in &self.scan {
             let volume = io::read_volume(&entry.file)?;
             let named = |e| Error::Input(format!("[scan] {}: {e}", entry.file.display()));
-            let labels = entry.has_labels(&volume).map_err(named)?;
+            let values = sums_values && read.is_empty();
+            let labels = entry.has_labels(&volume, values).map_err(named)?;
             read.push((entry, volume, labels));
         }
         let alone = read.len() == 1;
@@ -65,6 +69,11 @@ impl Scene {
                     let looks = entry.label_looks(&volume, &labels, opacity, units_per_mm);
                     let looks = looks.map_err(named)?;
                     let field = label_field(&name, &volume, &looks)?;
+                    if alone && looks.is_empty() {
+                        return Err(Error::Input(format!(
+                            "[scan] {name}: no label is left to be seen"
+                        )));
+                    }
                     (ScanLook::Labels(looks), field)
                 }
                 None => {
@@ -105,15 +114,16 @@ impl Scene {
 }
 
 impl ScanEntry {
-    /// Its labels and how many voxels have each, if it shows labels.
-    fn has_labels(&self, volume: &Volume) -> Result<Option<BTreeMap<i64, usize>>> {
+    /// Its labels and how many voxels have each, if it shows labels; where nothing is said `values`
+    /// has it show values.
+    fn has_labels(&self, volume: &Volume, values: bool) -> Result<Option<BTreeMap<i64, usize>>> {
         if !self.label.is_empty() && self.labels == Some(false) {
             return Err(Error::Input(
                 "it has looks of labels, and labels = false; leave one of them out".into(),
             ));
         }
         let asked = self.labels.unwrap_or(!self.label.is_empty());
-        if self.labels == Some(false) {
+        if self.labels == Some(false) || (values && !asked) {
             return Ok(None);
         }
         let labels = volume.labels();
@@ -169,9 +179,13 @@ impl ScanEntry {
                     all.join(", ")
                 ))
             })?;
-            entries.insert(label, entry);
+            if entries.insert(label, entry).is_some() {
+                return Err(Error::Input(format!(
+                    "the look of label {label} is given twice, by its name and by its number; leave one of them out"
+                )));
+            }
         }
-        let ways = mean_ways(volume);
+        let ways = mean_ways(volume, labels);
         let mut looks = BTreeMap::new();
         let shown = labels.keys().filter(|label| **label != 0);
         for (i, label) in shown.enumerate() {
@@ -198,21 +212,18 @@ impl ScanEntry {
 }
 
 /// The mean way of a ray through each label, in mm: 4V/S (Cauchy).
-fn mean_ways(volume: &Volume) -> BTreeMap<i64, f64> {
+fn mean_ways(volume: &Volume, labels: &BTreeMap<i64, usize>) -> BTreeMap<i64, f64> {
     let axes = volume.to_world.matrix3;
     let (x, y, z) = (axes.x_axis, axes.y_axis, axes.z_axis);
     let areas = [y.cross(z), z.cross(x), x.cross(y)].map(|a| a.length());
     let size = volume.size;
     let strides = [1, size[0], size[0] * size[1]];
-    let mut sums: BTreeMap<i64, [f64; 2]> = BTreeMap::new();
-    let label = |n: usize| volume.value(n) as i64;
-    let mut add = |label: i64, volume: f64, surface: f64| {
-        let sum = sums.entry(label).or_default();
-        *sum = [sum[0] + volume, sum[1] + surface];
-    };
+    let own: Vec<i64> = labels.keys().copied().collect();
+    let place = |n: usize| own.partition_point(|l| *l < volume.value(n) as i64);
+    let mut sums = vec![[0.0f64; 2]; own.len() + 1];
     let voxel = volume.voxel_volume();
     for n in 0..volume.voxels() {
-        let own = label(n);
+        let here = place(n);
         let at = [n % size[0], n / strides[1] % size[1], n / strides[2]];
         let mut bare = 0.0;
         for k in 0..3 {
@@ -222,20 +233,18 @@ fn mean_ways(volume: &Volume) -> BTreeMap<i64, f64> {
             match at[k] + 1 < size[k] {
                 false => bare += areas[k],
                 true => {
-                    let other = label(n + strides[k]);
-                    if other != own {
+                    let there = place(n + strides[k]);
+                    if there != here {
                         bare += areas[k];
-                        add(other, 0.0, areas[k]);
+                        sums[there][1] += areas[k];
                     }
                 }
             }
         }
-        add(own, voxel, bare);
+        sums[here] = [sums[here][0] + voxel, sums[here][1] + bare];
     }
     let way = |[volume, surface]: [f64; 2]| 4.0 * volume * STAIRS / surface.max(f64::MIN_POSITIVE);
-    sums.into_iter()
-        .map(|(label, sum)| (label, way(sum)))
-        .collect()
+    own.iter().copied().zip(sums.into_iter().map(way)).collect()
 }
 
 /// What a legend tells of values.
@@ -269,9 +278,7 @@ fn label_field(
         regions.push((called.unwrap_or_else(|| label.to_string()), i as f64));
     }
     if regions.is_empty() {
-        return Err(Error::Input(format!(
-            "[scan] {name}: no label is left to be seen"
-        )));
+        return Ok(value_field(name, TransferFunction::preset("scan")?));
     }
     Ok(ScalarField {
         regions,

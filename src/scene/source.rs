@@ -221,7 +221,9 @@ impl Scene {
     /// # Errors
     /// [`Error::Input`] listing the fields when the one named does not exist or is not finite.
     pub fn scalar_field(&self, mesh: &TetMesh, topology: &Topology) -> Result<ScalarField> {
-        let plain = self.picture.transfer.is_none();
+        // X-rays go by what numbers are, not by what is shown of them.
+        let xray = self.picture.mode.as_deref() == Some("xray");
+        let plain = self.picture.transfer.is_none() && !xray;
         let regions = || mesh.region_field();
         let found = || match plain {
             true => regions().or_else(|| first_scalar(mesh)),
@@ -255,7 +257,8 @@ impl Scene {
         let found = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
             (a.min(*v), b.max(*v))
         });
-        let range = self.picture.range.map_or(found, |[low, high]| (low, high));
+        let range = self.picture.range.filter(|_| !xray);
+        let range = range.map_or(found, |[low, high]| (low, high));
         let regions = match mesh.says_regions(&field) {
             true => names_of_regions(mesh, &field).collect(),
             false => Vec::new(),

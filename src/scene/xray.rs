@@ -7,8 +7,8 @@ use crate::{Error, Result};
 
 /// Where CT numbers are offset so that none is negative, water is here and air at 1000 below it.
 const OFFSET: f64 = 1024.0;
-/// A scan whose values begin below this has Hounsfield's units.
-const AIRY: f64 = -200.0;
+/// Numbers that are nowhere negative and reach this are offset.
+const REACHED: f64 = 1000.0;
 
 impl Scene {
     /// The source of X-rays, and what the numbers that are seen stand for, which lie in `range`.
@@ -31,7 +31,7 @@ impl Scene {
             );
         }
         let (water, air) = match (water, air) {
-            (None, None) if range.0 > AIRY => {
+            (None, None) if range.0 >= 0.0 && range.1 >= REACHED => {
                 notes.push(format!(
                     "values begin at {}, so they are taken for CT numbers with water at {OFFSET} and air at {}; [xray] water and air say otherwise",
                     range.0,
@@ -40,6 +40,12 @@ impl Scene {
                 (OFFSET, OFFSET - 1000.0)
             }
             (water, air) => {
+                if range.0 >= 0.0 && (water, air) == (None, None) {
+                    notes.push(format!(
+                        "values from {} to {} are taken for Hounsfield's units, 0 for water and -1000 for air; [xray] water and air say otherwise",
+                        range.0, range.1
+                    ));
+                }
                 let water = water.unwrap_or(usual.water);
                 (water, air.unwrap_or(water - 1000.0))
             }
@@ -73,10 +79,12 @@ impl RadiographFilm {
     }
 
     /// `image`, which holds ∫ μ dl, as the film shows it, and what is white: where nothing says,
-    /// the most there is in the first picture.
+    /// the most there is in the first picture that has anything.
     pub fn develop(&mut self, image: &Image) -> (Image, f32) {
         let most = || image.values.iter().copied().fold(0.0, f32::max);
-        let white = *self.white.get_or_insert_with(most);
+        let white = self.white.unwrap_or_else(most);
+        // An empty picture says nothing of the next.
+        self.white = Some(white).filter(|white| *white > 0.0);
         (image.in_grey(white), white)
     }
 }

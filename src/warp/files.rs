@@ -10,7 +10,7 @@ use crate::volume::{Grid, Volume};
 use crate::{Error, Result};
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The files that are wanted: `.nii.gz`, `.nrrd` or `.mha`.
 ///
@@ -57,7 +57,7 @@ impl WarpFiles<'_> {
                     folder.display()
                 )));
             }
-            if all[..n].contains(path) {
+            if all[..n].iter().any(|other| placed(other) == placed(path)) {
                 return Err(Error::Input(format!(
                     "{}: two outputs have this name; give each its own",
                     path.display()
@@ -101,26 +101,33 @@ impl Warp<'_> {
             progress(done, planes);
         };
         // Before any work: a background that cannot be stored is known to be one.
-        let sampler = Sampler::new(scan, grid, options)?;
+        let sampler = files.image.map(|_| Sampler::new(scan, grid, options));
+        let sampler = sampler.transpose()?;
         let scans = scan.grid();
         let layout = Layout {
             grid: *grid,
             ..Layout::of(scan)
         };
-        // Each within the one before, so that there are all of them or none.
-        opened(files.displacement, vectors(&scans), &mut |displacement| {
+        // Each within the one before, and all ended in the innermost, so that there are all of them
+        // or none.
+        let mut fill = |[mut displacement, mut image, mut inverse]: Streams<'_>| {
             if displacement.is_some() {
-                report.rest = Some(self.write_rest(&scans, displacement, &mut step)?);
+                report.rest = Some(self.write_rest(&scans, &mut displacement, &mut step)?);
             }
-            if !bent {
-                return Ok(());
+            if bent {
+                let mut both = (image.as_mut(), inverse.as_mut());
+                let coverage = self.write_bent(sampler.as_ref(), grid, &mut both, &mut step)?;
+                report.bent = Some(coverage);
             }
+            let streams = [displacement, image, inverse].into_iter().flatten();
+            streams.map(VolumeStream::end).collect()
+        };
+        opened(files.displacement, vectors(&scans), &mut |displacement| {
+            let mut displacement = displacement;
             opened(files.image, layout.clone(), &mut |image| {
+                let (displacement, mut image) = (&mut displacement, image);
                 opened(files.inverse, vectors(grid), &mut |inverse| {
-                    let mut both = (image.as_mut(), inverse.as_mut());
-                    let coverage = self.write_bent(&sampler, grid, &mut both, &mut step)?;
-                    report.bent = Some(coverage);
-                    Ok(())
+                    fill([displacement.take(), image.take(), inverse])
                 })
             })
         })?;
@@ -149,18 +156,22 @@ impl Warp<'_> {
     /// Pushes the planes of the image and of the motion from bent to rest, those that are wanted.
     fn write_bent(
         &self,
-        sampler: &Sampler,
+        sampler: Option<&Sampler>,
         grid: &Grid,
         (image, inverse): &mut (Option<&mut VolumeStream>, Option<&mut VolumeStream>),
         step: &mut dyn FnMut(),
     ) -> Result<Coverage> {
         let mut coverage = Coverage::default();
         let way = self.backward();
-        let wanted = [image.is_some(), inverse.is_some()];
+        let with_inverse = inverse.is_some();
         let make = |plane: Plane| {
-            let values = wanted[0].then(|| sampler.plane(&plane));
+            let values = sampler.map(|sampler| sampler.plane(&plane));
             let (bytes, beyond) = values.map_or((Vec::new(), 0), |(raw, n)| (raw.to_bytes(), n));
-            let vectors = if wanted[1] { lps(&plane) } else { Vec::new() };
+            let vectors = if with_inverse {
+                lps(&plane)
+            } else {
+                Vec::new()
+            };
             let own = plane.coverage;
             (bytes, vectors, Coverage { beyond, ..own })
         };
@@ -188,18 +199,29 @@ fn vectors(grid: &Grid) -> Layout<'static> {
     }
 }
 
-/// Has `fill` write the volume at `path`, where one is wanted: it is there once all went well.
+/// The volumes that are written, those that are wanted: displacement, image, inverse.
+type Streams<'a> = [Option<VolumeStream<'a>>; 3];
+
+/// Where a file will be, however it is named.
+fn placed(path: &Path) -> PathBuf {
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_path_buf());
+    path.file_name()
+        .map_or(folder.clone(), |name| folder.join(name))
+}
+
+/// Has `fill` write and end the volume at `path`, where one is wanted: it is there once all went
+/// well.
 fn opened(
     path: Option<&Path>,
     layout: Layout,
-    fill: &mut dyn FnMut(&mut Option<VolumeStream>) -> Result<()>,
+    fill: &mut dyn FnMut(Option<VolumeStream>) -> Result<()>,
 ) -> Result<()> {
     let Some(path) = path else {
-        return fill(&mut None);
+        return fill(None);
     };
     atomic_write(path, |file: &mut BufWriter<File>| {
-        let mut stream = Some(VolumeStream::begin(path, layout, file)?);
-        fill(&mut stream)?;
-        stream.map_or(Ok(()), VolumeStream::end)
+        fill(Some(VolumeStream::begin(path, layout, file)?))
     })
 }

@@ -282,6 +282,88 @@ fn two_bodies_carry_one_scan() {
 }
 
 #[test]
+fn x_rays_go_by_numbers_and_not_by_what_is_shown() {
+    let (gpu, folder) = (gpu(), files("numbers"));
+    let text = SCENE.replace("[picture]", "[picture]\nmode = \"xray\"");
+    let (start, end) = text.split_once("range = [200, 1400]\n").unwrap();
+    let wide = format!("{start}{end}");
+    let narrow = format!("{start}range = [600, 700]\n{end}");
+    let scan = "[scan]\nfile = \"ramp.nrrd\"\n";
+    let mut said = Vec::new();
+    let mut most = |text: &str| {
+        let mut stage = stage(&gpu, &folder, text);
+        said.push(stage.notes().join("; "));
+        let image = stage.image().unwrap();
+        image.values.iter().fold(0.0f32, |m, v| m.max(*v))
+    };
+    // From 200 to 1400 they are taken for numbers that are offset by 1024: μ from 0.036 to 0.28 per cm,
+    // on at most 6.9 cm.
+    let film = [
+        &wide,
+        &narrow,
+        &format!("{wide}{scan}"),
+        &format!("{narrow}{scan}"),
+    ]
+    .map(|t| most(t));
+    println!("{film:?} {said:?}");
+    assert!((0.5..1.5).contains(&film[0]), "{film:?}");
+    assert!(
+        film.iter().all(|f| (f / film[0] - 1.0).abs() < 1e-3),
+        "{film:?}"
+    );
+    assert!(said.iter().all(|s| s.contains("water at 1024")), "{said:?}");
+    // Those of Hounsfield are as they are, with fat and without air.
+    let mut mesh = block();
+    let hounsfield = mesh.nodes.iter().map(|p| ramp(*p) - 320.0).collect();
+    mesh.set_field(Field::scalar("ramp", Location::Node, hounsfield))
+        .unwrap();
+    io::write(folder.join("block.vtu"), &mesh).unwrap();
+    let mut own = stage(&gpu, &folder, &wide);
+    assert!(
+        !own.notes().join("; ").contains("1024"),
+        "{:?}",
+        own.notes()
+    );
+    let own = own
+        .image()
+        .unwrap()
+        .values
+        .iter()
+        .fold(0.0f32, |m, v| m.max(*v));
+    assert!(own > 1.2 * film[0], "{own} {film:?}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn projections_take_numbers_for_values() {
+    let (gpu, folder) = (gpu(), files("values"));
+    let few = volume([24; 3], 2.0, -3.0, |p| (p.x / 10.0).floor());
+    io::write_volume(folder.join("few.nrrd"), &few).unwrap();
+    let scan = "[scan]\nfile = \"few.nrrd\"\n";
+    let (start, end) = SCENE.split_once("range = [200, 1400]\n").unwrap();
+    let text = format!("{start}{end}");
+    assert!(
+        stage(&gpu, &folder, &format!("{text}{scan}"))
+            .notes()
+            .join("")
+            .contains("labels")
+    );
+    let text = text.replace("transfer = \"look.json\"\n", "mode = \"mip\"\n");
+    let mut projected = stage(&gpu, &folder, &format!("{text}{scan}"));
+    let image = projected.image().unwrap();
+    assert!(image.values.iter().any(|v| *v > 0.9));
+    let file = folder.join("scene.toml");
+    std::fs::write(&file, format!("{text}{scan}labels = true\n")).unwrap();
+    let mut labelled = Stage::new(&gpu, &Scene::read(&file).unwrap()).unwrap();
+    let said = labelled.image().unwrap_err().to_string();
+    assert!(
+        said.contains("map of labels") && said.contains("labels = false"),
+        "{said}"
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn what_a_scene_may_not_say_of_scans_is_named() {
     let folder = files("wrong");
     let labels = volume([24; 3], 2.0, -3.0, |p| f64::from(u8::from(p.x > 20.0)));

@@ -206,7 +206,7 @@ impl<'a> VolumeStream<'a> {
         }
     }
 
-    /// Writes what is left.
+    /// Writes what is left, all of it into the file.
     pub fn end(self) -> Result<()> {
         let path = self.path;
         self.finish().map_err(Error::io(path))
@@ -218,7 +218,7 @@ impl<'a> VolumeStream<'a> {
                 let mut spool = encoder.finish()?;
                 let length = spool.stream_position()?;
                 self.out.write_all(&self.layout.metaimage(length))?;
-                append(&mut spool, self.out)
+                append(&mut spool, self.out)?;
             }
             Packed::Gzip(parts, mut later) => {
                 let mut crc = Crc::new();
@@ -234,9 +234,10 @@ impl<'a> VolumeStream<'a> {
                 }
                 self.out.write_all(&LAST)?;
                 self.out.write_all(&crc.sum().to_le_bytes())?;
-                self.out.write_all(&crc.amount().to_le_bytes())
+                self.out.write_all(&crc.amount().to_le_bytes())?;
             }
         }
+        self.out.flush()
     }
 }
 

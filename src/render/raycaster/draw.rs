@@ -5,6 +5,7 @@ use crate::gpu::{Draw, Recorder};
 use crate::render::Camera;
 use crate::render::peel::{Peel, SUM, Walks, attachment};
 use crate::render::raycast_options::{Gathered, Target, Walk};
+use crate::render::scan::Held;
 use crate::render::tiles::check_size;
 use crate::render::view::{LocalView, View, Window};
 use crate::{Error, Result};
@@ -73,6 +74,16 @@ impl Raycaster {
         if gathered == Gathered::Xray && self.geometry.rests().is_none() {
             return Err(Error::Input(
                 "X-rays go by how dense the body is against its rest, which the geometry does not know; call Geometry::remember_rest first".into(),
+            ));
+        }
+        let of_labels = |(held, _): (&Held, _)| held.transfer().is_none();
+        let sums_values = matches!(
+            gathered,
+            Gathered::Xray | Gathered::Maximum | Gathered::Minimum | Gathered::Mean
+        );
+        if sums_values && self.looks.scans().is_some_and(of_labels) {
+            return Err(Error::Input(
+                "projections and X-rays show values, and the first scan is a map of labels; show its values (labels = false), or have a scan of values before it".into(),
             ));
         }
         // The frame is out of `self` while draws are prepared from the rest of it.

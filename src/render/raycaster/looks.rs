@@ -37,7 +37,10 @@ struct Regions {
 /// What is asked of a picture.
 #[derive(Clone)]
 struct Asked {
+    /// Of the scalars of the mesh.
     transfer: TransferFunction,
+    /// Of the first scan, where it shows values.
+    of_scan: Option<TransferFunction>,
     regions: Option<Regions>,
     inside: Inside,
     scans: Option<Arc<Held>>,
@@ -68,6 +71,7 @@ impl Looks {
     ) -> Result<Looks> {
         let asked = Asked {
             transfer: transfer.clone(),
+            of_scan: None,
             regions: None,
             inside: Inside::default(),
             scans: None,
@@ -76,6 +80,7 @@ impl Looks {
     }
 
     fn of(gpu: &Gpu, geometry: &Geometry, options: &RaycastOptions, asked: Asked) -> Result<Looks> {
+        asked.check(geometry)?;
         let (rows, first) = asked.rows(geometry);
         let table = Table::new(gpu, &asked.wanted(geometry, options, &rows))?;
         let scans = match &asked.scans {
@@ -93,8 +98,9 @@ impl Looks {
         })
     }
 
+    /// The transfer function of what is seen.
     pub fn transfer(&self) -> &TransferFunction {
-        &self.asked.transfer
+        self.asked.shown()
     }
 
     /// The scalars that the transfer function covers.
@@ -150,7 +156,7 @@ impl Looks {
         transfer: &TransferFunction,
     ) -> Result<()> {
         let mut asked = self.asked.clone();
-        asked.transfer = transfer.clone();
+        *asked.of_scan.as_mut().unwrap_or(&mut asked.transfer) = transfer.clone();
         *self = Looks::of(gpu, geometry, options, asked)?;
         Ok(())
     }
@@ -189,10 +195,22 @@ impl Looks {
         if geometry.rests().is_none() && held.is_some() {
             return Err(Error::Input(NO_REST.into()));
         }
-        if let Some(transfer) = held.as_ref().and_then(Held::transfer) {
-            asked.transfer = transfer.clone();
-        }
+        asked.of_scan = held.as_ref().and_then(Held::transfer).cloned();
         asked.scans = held.map(Arc::new);
+        *self = Looks::of(gpu, geometry, options, asked)?;
+        Ok(())
+    }
+
+    /// Shows the scans as `held` has them after a cut.
+    pub fn follow_scans(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        held: Held,
+    ) -> Result<()> {
+        let mut asked = self.asked.clone();
+        asked.scans = Some(Arc::new(held));
         *self = Looks::of(gpu, geometry, options, asked)?;
         Ok(())
     }
@@ -208,26 +226,16 @@ impl Looks {
         if inside.needs_rest() && geometry.rests().is_none() {
             return Err(Error::Input(NO_REST.into()));
         }
-        let scanned = self.asked.scans.as_ref();
-        let flat = match scanned {
-            Some(held) => held.transfer().is_none(),
-            None => geometry.per_cell,
-        };
-        if !inside.isosurfaces.is_empty() && flat {
-            return Err(Error::Input(
-                "isosurfaces need a field at the nodes, or a scan of values: one that is constant in each tet, and a map of labels, have none"
-                    .into(),
-            ));
-        }
-        if scanned.is_some() && self.asked.inside.isosurfaces != inside.isosurfaces {
+        let mut asked = self.asked.clone();
+        asked.inside = inside.clone();
+        if asked.scans.is_some() && self.asked.inside.isosurfaces != inside.isosurfaces {
             // Which tets show nothing goes by them.
-            let mut asked = self.asked.clone();
-            asked.inside = inside.clone();
             *self = Looks::of(gpu, geometry, options, asked)?;
             return Ok(());
         }
+        asked.check(geometry)?;
         self.cuts = cuts(gpu, geometry, self.range, &self.table, inside)?;
-        self.asked.inside = inside.clone();
+        self.asked = asked;
         Ok(())
     }
 }
@@ -236,10 +244,30 @@ const NO_REST: &str =
     "the geometry does not know where it rests; call Geometry::remember_rest first";
 
 impl Asked {
+    /// The transfer function of what is seen.
+    fn shown(&self) -> &TransferFunction {
+        self.of_scan.as_ref().unwrap_or(&self.transfer)
+    }
+
+    /// Refuses what does not go together.
+    fn check(&self, geometry: &Geometry) -> Result<()> {
+        let flat = match &self.scans {
+            Some(held) => held.transfer().is_none(),
+            None => geometry.per_cell,
+        };
+        if !self.inside.isosurfaces.is_empty() && flat {
+            return Err(Error::Input(
+                "isosurfaces need a field at the nodes, or a scan of values: one that is constant in each tet, and a map of labels, have none"
+                    .into(),
+            ));
+        }
+        Ok(())
+    }
+
     /// The transfer functions of the table's rows, in absolute terms, and how many of them are
     /// those of the scalar, or of the first scan.
     fn rows(&self, geometry: &Geometry) -> (Vec<TableRow>, usize) {
-        let own = std::slice::from_ref(&self.transfer);
+        let own = std::slice::from_ref(self.shown());
         let transfers = self.regions.as_ref().map_or(own, |r| &r.transfers);
         let extent = geometry.frame.scale;
         let rows = match &self.scans {

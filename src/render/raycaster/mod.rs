@@ -142,7 +142,8 @@ impl Raycaster {
         Ok(())
     }
 
-    /// Shows scans that the body carries in place of its scalars, or these again with none: looked up
+    /// Shows scans that the body carries in place of its scalars, or these again, as they were shown,
+    /// with none: looked up
     /// at full resolution where the body rests, as `mesh` has it, the first one with all that goes for
     /// a scalar (regions, isosurfaces, projections). The geometry is to remember its rest
     /// ([`Geometry::remember_rest`]). After a cut that removed tets scans are to be set again, by
@@ -150,7 +151,7 @@ impl Raycaster {
     ///
     /// # Errors
     /// [`Error::Input`] for scans that do not meet the mesh, are too many, or hold what they should
-    /// not, and for a geometry that does not know its rest; [`Error::Gpu`] where they do not fit the
+    /// not, for isosurfaces beside a first scan of labels, and for a geometry that does not know its rest; [`Error::Gpu`] where they do not fit the
     /// device, however coarse. The old ones stay.
     pub fn set_scans(&mut self, mesh: &TetMesh, scans: &[Scan]) -> Result<Vec<String>> {
         if mesh.tets.len() != self.geometry.tet_count() as usize {
@@ -178,8 +179,10 @@ impl Raycaster {
         if let Some((held, _)) = self.looks.scans()
             && held.tets() != mesh.tets.len()
         {
-            let scans = held.scans.clone();
-            self.set_scans(mesh, &scans)?;
+            let held = held.follow(mesh);
+            let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
+            self.looks.follow_scans(gpu, geometry, options, held)?;
+            self.prepare_anew();
         }
         Ok(())
     }

@@ -47,6 +47,7 @@ pub(in crate::render) struct Held {
 }
 
 /// What is kept of a scan beside its texels.
+#[derive(Clone)]
 struct Part {
     /// From places at rest, in file units.
     texel_from_rest: DAffine3,
@@ -55,7 +56,10 @@ struct Part {
     /// The values of texels −1 and 1, of values.
     ends: (f64, f64),
     numbered: Option<Numbered>,
+    /// The values that are told apart.
+    range: (f64, f64),
     spread: Arc<[f64]>,
+    pyramid: Arc<Pyramid>,
     /// Bounds of the texels in each tet of the mesh.
     of_tets: Vec<Option<[f32; 2]>>,
 }
@@ -87,6 +91,22 @@ impl Held {
             tets: mesh.tets.len(),
             notes,
         })
+    }
+
+    /// The same in `mesh` after a cut, which has taken tets away.
+    pub fn follow(&self, mesh: &TetMesh) -> Held {
+        let of_tets = |part: &Part| Part {
+            of_tets: part.pyramid.of_tets(mesh, part.texel_from_rest),
+            ..part.clone()
+        };
+        Held {
+            scans: self.scans.clone(),
+            parts: self.parts.iter().map(of_tets).collect(),
+            texture: self.texture.clone(),
+            sampler: self.sampler.clone(),
+            tets: mesh.tets.len(),
+            notes: Vec::new(),
+        }
     }
 
     /// Tets of the mesh that it was made for.
@@ -122,7 +142,7 @@ impl Held {
     /// The rows of the table: the first scan by each of `transfers`, then the others.
     pub fn rows(&self, transfers: &[TransferFunction], extent: f64) -> Vec<TableRow> {
         let row = |k: usize, transfer: &TransferFunction| {
-            let range = self.scans[k].range();
+            let range = self.parts[k].range;
             TableRow {
                 transfer: transfer.resolved(range, extent),
                 range,
@@ -136,7 +156,7 @@ impl Held {
             let most = looks.iter().map(|l| l.extinction).fold(0.0, f64::max);
             TableRow {
                 transfer: ResolvedTransfer::dense(most),
-                range: self.scans[k].range(),
+                range: part.range,
                 spread: self.parts[k].spread.clone(),
             }
         };
@@ -178,15 +198,15 @@ impl Held {
         let to_file = DAffine3::from_translation(frame.origin)
             * DAffine3::from_scale(DVec3::splat(frame.scale));
         let rows = self.row_of_scans(first);
-        let parts = self.scans.iter().zip(&self.parts).zip(rows);
+        let parts = self.parts.iter().zip(rows);
         let items: Vec<gpu_data::Scan> = parts
-            .map(|((scan, part), row)| {
+            .map(|(part, row)| {
                 let m = part.texel_from_rest * to_file;
                 let axis = |k: usize| {
                     let row = m.matrix3.row(k);
                     row.extend(m.translation[k]).as_vec4().to_array()
                 };
-                let (low, high) = scan.range();
+                let (low, high) = part.range;
                 let per_texel = 0.5 * (part.ends.1 - part.ends.0) / (high - low);
                 let shift = (part.ends.0 - low) / (high - low) + per_texel;
                 let [nx, ny, nz] = part.size.map(|n| n as f32);
@@ -226,7 +246,8 @@ impl Held {
                 };
                 if part.numbered.is_some() {
                     let shown = |look: &LabelLook| look.extinction > 0.0;
-                    return !looks[k][low as usize..=high as usize].iter().any(shown);
+                    let numbers = Numbered::from_texel(low)..=Numbered::from_texel(high);
+                    return !looks[k][numbers].iter().any(shown);
                 }
                 let TableRow {
                     transfer, range, ..
@@ -248,8 +269,10 @@ impl Held {
 impl Part {
     fn new(scan: &Scan, texels: Texels, mesh: &TetMesh) -> Part {
         let texel_from_rest = texels.texel_from_voxel() * scan.voxel_from_rest();
-        let of_tets = Pyramid::new(&texels).of_tets(mesh, texel_from_rest);
-        let (low, high) = scan.range();
+        let pyramid = Pyramid::new(&texels);
+        let of_tets = pyramid.of_tets(mesh, texel_from_rest);
+        let range = scan.range();
+        let (low, high) = range;
         let mut spread = vec![0.0; SPREAD];
         let every = texels.values.len().div_ceil(TEXELS_OF_SPREAD).max(1);
         for texel in texels.values.iter().step_by(every) {
@@ -264,7 +287,9 @@ impl Part {
             first: texels.first,
             ends: texels.ends,
             numbered: texels.numbered,
+            range,
             spread: spread.into(),
+            pyramid: Arc::new(pyramid),
             of_tets,
         }
     }

@@ -4,7 +4,7 @@ use crate::volume::Volume;
 use crate::{Error, Result, parallel};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Labels that a texture can number.
+/// Labels that a texture can number; `shaders/terms/scan.wgsl` has the same.
 const MOST: usize = 1024;
 
 /// What a label of a [`Scan`](super::Scan) looks like.
@@ -79,6 +79,17 @@ impl Numbered {
     pub fn number(&self, value: f64) -> usize {
         let below = self.labels.partition_point(|l| *l < value as i64);
         below.min(self.labels.len() - 1)
+    }
+
+    /// The texel of a number: a fraction, so that values beside it in the texture are not far off where
+    /// filters round.
+    pub fn to_texel(number: usize) -> f64 {
+        number as f64 / MOST as f64
+    }
+
+    /// The number of a texel.
+    pub fn from_texel(texel: f32) -> usize {
+        (texel * MOST as f32).round() as usize
     }
 
     /// What each number looks like; extinction 0 where it is not seen.

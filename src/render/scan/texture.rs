@@ -1,6 +1,6 @@
 //! The voxels of all scans of a picture, one after the other along z in one texture of half floats:
 //! values from -1 to 1 over all that occur, or numbers of labels. What does not fit the device is
-//! halved until it does.
+//! halved until it does, along z alone where there are too many layers.
 
 use super::labels::Numbered;
 use super::{Scan, ScanLook};
@@ -12,6 +12,8 @@ use half::f16;
 
 /// Bytes that are sent at a time.
 const SENT_AT_ONCE: usize = 32 << 20;
+/// Ranges beyond the one that is told apart which values keep: they are between those that are in it.
+const MARGIN: f64 = 4.0;
 /// Voxels that are made one along each axis, at most.
 const COARSEST: usize = 64;
 
@@ -45,12 +47,16 @@ impl Texels {
                 "the scan has no voxel whose value is a finite number".into(),
             ));
         };
+        let (low, high) = scan.range();
+        let margin = MARGIN * (high - low);
+        let ends = (ends.0.max(low - margin), ends.1.min(high + margin));
         let span = if ends.1 > ends.0 {
             ends.1 - ends.0
         } else {
             1.0
         };
         let ends = (ends.0, ends.0 + span);
+        let texel = |value: f64| 2.0 * (value.clamp(ends.0, ends.1) - ends.0) / span - 1.0;
         let values = parallel::map(size.iter().product(), |n| {
             let low = [
                 n % size[0] * merged[0],
@@ -58,8 +64,11 @@ impl Texels {
                 n / size[0] / size[1] * merged[2],
             ];
             f16::from_f64(match &numbered {
-                Some(numbered) => most_frequent(volume, low, merged, numbered) as f64,
-                None => 2.0 * (mean(volume, low, merged).unwrap_or(ends.0) - ends.0) / span - 1.0,
+                Some(numbered) if merged == [1; 3] => {
+                    Numbered::to_texel(numbered.number(volume.value(n)))
+                }
+                Some(numbered) => Numbered::to_texel(most_frequent(volume, low, merged, numbered)),
+                None => texel(mean(volume, low, merged).unwrap_or(ends.0)),
             })
         });
         Ok(Texels {
@@ -145,7 +154,8 @@ pub(super) fn texture(
             let own: [usize; 3] = std::array::from_fn(|k| scan.volume.size[k].div_ceil(merged[k]));
             size = [size[0].max(own[0]), size[1].max(own[1]), size[2] + own[2]];
         }
-        let made = match size[2] <= limit {
+        let deep = size[2] > limit;
+        let made = match !deep {
             true => make(gpu, size),
             false => Err(Error::Gpu(format!(
                 "scans of {} layers do not fit a texture of {limit}",
@@ -155,15 +165,17 @@ pub(super) fn texture(
         let texture = match made {
             Ok(texture) => texture,
             Err(why) => {
-                let largest = merged.iter_mut().zip(scans);
-                let largest = largest.max_by_key(|(m, scan)| {
-                    scan.volume.voxels() / m.iter().product::<usize>().max(1)
+                let parts = merged.iter_mut().zip(scans);
+                let largest = parts.max_by_key(|(m, scan)| match deep {
+                    true => scan.volume.size[2] / m[2],
+                    false => scan.volume.voxels() / m.iter().product::<usize>(),
                 });
                 let Some((largest, _)) = largest.filter(|(m, _)| m.iter().all(|n| *n < COARSEST))
                 else {
                     return Err(why);
                 };
-                largest.iter_mut().for_each(|n| *n *= 2);
+                let axes = if deep { 2..3 } else { 0..3 };
+                largest[axes].iter_mut().for_each(|n| *n *= 2);
                 continue;
             }
         };

@@ -37,7 +37,8 @@ pub struct LightEntry {
 pub struct XrayEntry {
     /// Energy of the source, 20 to 150 keV; 60 where nothing is said.
     pub energy: Option<f64>,
-    /// The scalar of water; where nothing is said 0, or 1024 where no value is negative.
+    /// The scalar of water; where nothing is said 0, or 1024 where no value is negative and some
+    /// reach 1000.
     pub water: Option<f64>,
     /// The scalar of air; where nothing is said 1000 below water.
     pub air: Option<f64>,

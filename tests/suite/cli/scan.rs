@@ -21,7 +21,8 @@ fn meshes(folder: &Path, scan: &str, regions: &[&str]) -> [PathBuf; 3] {
     let moved: Vec<DVec3> = mesh
         .nodes
         .iter()
-        .map(|p| DVec3::new(0.004 * (p.z - middle.z).powi(2), 0.0, 6.0))
+        .map(|p| *p - middle)
+        .map(|p| DVec3::new(0.004 * p.z * p.z, 0.0, 6.0 + 0.1 * p.z))
         .collect();
     mesh.nodes
         .iter_mut()
@@ -69,6 +70,7 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
     let (unmoved, _) = drawn(&bent, &scan, &out("c.exr"), &[]);
     assert!(unlike(&unmoved, &by_mesh) > 0.01);
     let file = out("d.png");
+    let by_hand = bent.clone();
     let bent = ["render", text(&bent), "--scan", &scan, "--out", text(&file)];
     let limb = format!("{DATA}/limb.vtu");
     let said = failure(&palpate(&[&bent[..], &["--rest", &limb]].concat()));
@@ -85,6 +87,27 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
         text(&file),
     ];
     assert!(failure(&palpate(&nothing)).contains("nothing.nrrd"));
+    // X-rays of fields, too, go by how dense the body is against its rest.
+    let film = |mesh: &Path, name: &str, more: &[&str]| {
+        let (file, mode) = (out(name), ["--mode", "xray"]);
+        let fixed = ["render", text(mesh), "--out", text(&file)];
+        stdout(&palpate(&[&fixed, VIEW, &mode, more].concat()));
+        Image::open(&file).unwrap()
+    };
+    let by_mesh = film(&by_hand, "f.exr", &["--rest", text(&rest)]);
+    assert!(unlike(&by_mesh, &film(&told, "g.exr", &[])) < 1e-4);
+    assert!(unlike(&by_mesh, &film(&by_hand, "h.exr", &[])) > 1e-3);
+    // Tets that a motion turned inside out are turned back by a reader.
+    let mut folded = io::read(&rest).unwrap();
+    let [a, b, c, d] = folded.tet_nodes(0);
+    let node = folded.tets[0][0] as usize;
+    folded.nodes[node] = 2.0 / 3.0 * (b + c + d) - a;
+    let file = folder.join("folded.vtu");
+    io::write(&file, &folded).unwrap();
+    assert!(io::read(&file).unwrap().tets != folded.tets);
+    let (folded, _) = drawn(&file, &scan, &out("i.exr"), &["--rest", text(&rest)]);
+    let apart = unlike(&folded, &straight);
+    assert!(apart < 0.01, "{apart}");
 }
 
 #[test]

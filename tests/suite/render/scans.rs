@@ -390,6 +390,74 @@ fn projections_and_regions_see_the_scan() {
 }
 
 #[test]
+fn what_is_far_beyond_the_range_takes_nothing_from_what_is_in_it() {
+    let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
+    let camera = camera();
+    let mut scan = scan_of(phantom());
+    scan.look = ScanLook::Values {
+        transfer: transfer(),
+        range: Some((-400.0, 1200.0)),
+    };
+    let mut far = phantom();
+    if let Raw::I16(values) = &mut far.raw {
+        values[0] = i16::MAX;
+        values[1] = i16::MIN;
+    }
+    let far = Scan {
+        volume: Arc::new(far),
+        ..scan.clone()
+    };
+    let [plain_one, far_one] = [&scan, &far].map(|scan| {
+        let options = plain(Walk::Vertices);
+        let mut caster = caster(&mesh, &mesh.nodes, std::slice::from_ref(scan), options);
+        picture(&mut caster, &camera)
+    });
+    // The two voxels are in a corner, of which most is outside the cube.
+    let each = plain_one.values.iter().zip(&far_one.values);
+    let off = each.filter(|(a, b)| (*a - *b).abs() > 0.2 / 255.0).count();
+    println!("{off} of {} differ", plain_one.values.len());
+    assert!(off < plain_one.values.len() / 200, "{off}");
+}
+
+#[test]
+fn without_scans_scalars_are_drawn_as_they_were() {
+    let gpu = gpu();
+    let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
+    let frame = LocalFrame::of_mesh(&mesh);
+    let array = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
+    let topology = Topology::new(&mesh);
+    let values = node_field(&mesh);
+    let mut geometry = Geometry::new(&gpu, &mesh, &topology, frame, &array, &values).unwrap();
+    geometry.remember_rest(&mesh).unwrap();
+    let own = TransferFunction::preset("viridis").unwrap();
+    let options = plain(Walk::Vertices);
+    let mut caster = Raycaster::with_options(&gpu, geometry, &own, options).unwrap();
+    let camera = camera();
+    let before = picture(&mut caster, &camera);
+    caster.set_scans(&mesh, &[scan_of(phantom())]).unwrap();
+    let scanned = picture(&mut caster, &camera);
+    caster
+        .set_transfer(&TransferFunction::preset("magma").unwrap())
+        .unwrap();
+    assert_ne!(picture(&mut caster, &camera), scanned);
+    caster.set_scans(&mesh, &[]).unwrap();
+    assert_eq!(picture(&mut caster, &camera), before);
+    // Isosurfaces are of values: neither may come after the other.
+    let inside = Inside {
+        isosurfaces: vec!["0.5".parse().unwrap()],
+        ..Inside::default()
+    };
+    caster.set_inside(&inside).unwrap();
+    let labels = Scan {
+        volume: Arc::new(labels()),
+        units_per_mm: 1.0,
+        look: ScanLook::Labels(label_looks()),
+    };
+    let said = caster.set_scans(&mesh, &[labels]).unwrap_err().to_string();
+    assert!(said.contains("isosurfaces"), "{said}");
+}
+
+#[test]
 fn x_rays_meet_as_much_however_the_body_is_bent() {
     let scan = scan_of(phantom());
     let mesh = generate::box_mesh([4; 3], DVec3::ONE, generate::Split::Six).unwrap();

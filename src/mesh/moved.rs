@@ -1,0 +1,86 @@
+//! A mesh before and after its nodes moved.
+
+use super::TetMesh;
+use crate::{Error, Result};
+
+const ADVICE: &str = "give the mesh at rest with its nodes moved, as `palpate render --mesh-out` or `simulate` write it";
+
+impl TetMesh {
+    /// Whether it is `rest` with its nodes moved. Tets may be in another order, and readers turn those
+    /// that are inside out and drop flat ones, of either mesh.
+    ///
+    /// # Errors
+    /// [`Error::Input`] that says what differs.
+    pub fn check_moved_from(&self, rest: &TetMesh) -> Result<()> {
+        let refuse = |what: String| Err(Error::Input(format!("{what}; {ADVICE}")));
+        if self.nodes.len() != rest.nodes.len() {
+            return refuse(format!(
+                "this mesh has {} nodes, but the one at rest has {}",
+                self.nodes.len(),
+                rest.nodes.len()
+            ));
+        }
+        let sorted = |tet: &[u32; 4]| {
+            let mut tet = *tet;
+            tet.sort_unstable();
+            tet
+        };
+        let mut of_rest: Vec<[u32; 4]> = rest.tets.iter().map(sorted).collect();
+        of_rest.sort_unstable();
+        let unknown = |tet: &&[u32; 4]| of_rest.binary_search(&sorted(tet)).is_err();
+        let others = self.tets.iter().filter(unknown);
+        let count = others.clone().count();
+        if count > rest.repairs.degenerate {
+            return match self.tets.iter().position(|tet| unknown(&tet)) {
+                Some(t) => refuse(format!(
+                    "tet {t} (counted from 0) joins nodes {:?}, which no tet of the mesh at rest does",
+                    self.tets[t]
+                )),
+                None => Ok(()),
+            };
+        }
+        let missing = (rest.tets.len() + count).saturating_sub(self.tets.len());
+        match missing > self.repairs.degenerate {
+            true => refuse(format!(
+                "this mesh has {} tets, but the one at rest has {}",
+                self.tets.len(),
+                rest.tets.len()
+            )),
+            false => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::mesh::generate::bar;
+    use glam::DVec3;
+
+    #[test]
+    fn tets_may_be_turned_dropped_where_flat_and_in_another_order() {
+        let rest = bar([2, 2, 2], DVec3::ONE).unwrap();
+        let refused = |bent: &TetMesh| bent.check_moved_from(&rest).unwrap_err().to_string();
+        let mut bent = rest.clone();
+        bent.tets.reverse();
+        bent.tets[3].swap(0, 1);
+        bent.check_moved_from(&rest).unwrap();
+        let dropped = bent.tets.pop().unwrap();
+        assert!(refused(&bent).contains("39 tets"), "{}", refused(&bent));
+        bent.repairs.degenerate = 1;
+        bent.check_moved_from(&rest).unwrap();
+        // Flat at rest, and dropped there.
+        let full = rest.clone();
+        let mut short = rest.clone();
+        short.tets.retain(|tet| *tet != dropped);
+        assert!(full.check_moved_from(&short).is_err());
+        short.repairs.degenerate = 1;
+        full.check_moved_from(&short).unwrap();
+        let mut other = rest.clone();
+        other.tets[5] = [0, 1, 2, 26];
+        assert!(refused(&other).contains("tet 5"), "{}", refused(&other));
+        other.nodes.pop();
+        assert!(refused(&other).contains("26 nodes"), "{}", refused(&other));
+    }
+}
