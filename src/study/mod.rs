@@ -12,6 +12,7 @@ mod pictures;
 mod run;
 mod scale;
 mod scaling;
+mod scan;
 mod sheet;
 mod stability;
 mod state_map;
@@ -62,6 +63,11 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "lumps",
         "Which lumps a map of presses finds, by their size, depth and contrast",
         lumps::run,
+    ),
+    (
+        "scan",
+        "A scan in coarse cages beside its values at the nodes of fine meshes: error, time and tets",
+        scan::run,
     ),
     ("accuracy", "Both motion and pictures", accuracy),
 ];

@@ -102,7 +102,10 @@ pub fn computed_bytes(part: &str, mesh: &TetMesh, topology: &Topology) -> f64 {
 }
 
 /// Bytes that arrays took while `make` ran, and that the driver gave.
-fn taken<T>(gpu: &Gpu, make: impl FnOnce() -> Result<T>) -> Result<(T, f64, f64)> {
+pub(in crate::study) fn taken<T>(
+    gpu: &Gpu,
+    make: impl FnOnce() -> Result<T>,
+) -> Result<(T, f64, f64)> {
     let given = || {
         let report = gpu.device().generate_allocator_report();
         report.map_or(f64::NAN, |r| r.total_allocated_bytes as f64)

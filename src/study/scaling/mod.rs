@@ -11,6 +11,7 @@ use cases::Cases;
 use std::path::Path;
 
 pub use memory::computed_bytes;
+pub(super) use memory::taken;
 
 /// The columns that say what was done.
 const SETTINGS: [&str; 7] = [

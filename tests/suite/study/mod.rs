@@ -4,4 +4,5 @@ mod frame;
 mod motion;
 mod pictures;
 mod scaling;
+mod scan;
 mod stability;

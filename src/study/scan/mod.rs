@@ -1,0 +1,228 @@
+//! `study scan`: pictures of a scan that coarse cages carry, beside those of meshes that have its
+//! values at their nodes: error against time, and how many tets equal sharpness takes.
+
+mod finding;
+mod phantom;
+mod subject;
+
+use super::pictures::frame_ms;
+use super::scaling::taken;
+use super::{Cell, Run};
+use crate::Result;
+use crate::mesh::{TetMesh, generate};
+use crate::render::{Difference, Image, Mode, Raycaster};
+use std::path::Path;
+use subject::{BALL, Knows, Subject};
+
+/// What a point draws.
+const KINDS: [(&str, Knows); 3] = [
+    ("cage", Knows::Scan),
+    ("means", Knows::Means),
+    ("samples", Knows::Samples),
+];
+
+const SETTINGS: [&str; 4] = ["what", "cells", "voxels", "pixels"];
+/// `share` is the time of a frame over that of the reference cage's, frame by frame in turns.
+const RESULTS: [&str; 9] = [
+    "nodes",
+    "tets",
+    "rmse_255",
+    "flip",
+    "gradient_r2",
+    "ms",
+    "reference_ms",
+    "share",
+    "gpu_mb",
+];
+
+/// What is measured: voxels and pixels along a side, and balls by their cells across.
+struct Sizes {
+    voxels: usize,
+    pixels: usize,
+    cages: &'static [usize],
+    values: &'static [usize],
+    /// The cage whose time is 1.
+    reference: usize,
+    /// Meshes of samples whose pictures are kept.
+    kept: [usize; 2],
+    /// Pairs of frames that are timed.
+    pairs: usize,
+}
+
+const FULL: Sizes = Sizes {
+    voxels: 224,
+    pixels: 320,
+    cages: &[5, 8, 12, 20],
+    values: &[6, 8, 12, 18, 26, 38, 55, 80, 118, 136],
+    reference: 12,
+    kept: [26, 136],
+    pairs: 5,
+};
+const QUICK: Sizes = Sizes {
+    voxels: 64,
+    pixels: 96,
+    cages: &[6, 10],
+    values: &[4, 8, 16],
+    reference: 10,
+    kept: [8, 16],
+    pairs: 3,
+};
+
+/// A mesh and what draws it.
+struct Drawn {
+    mesh: TetMesh,
+    caster: Raycaster,
+    bytes: f64,
+}
+
+/// What all points are held against.
+struct Prepared {
+    subject: Subject,
+    truth: Image,
+    reference: Drawn,
+}
+
+/// Measures, draws and tells.
+///
+/// # Errors
+/// A file that cannot be written, or what the device refuses.
+pub(super) fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
+    if scene.is_some() {
+        run.note("scans are studied in a bent ball: the scene is passed over");
+    }
+    let sizes = if run.quick { &QUICK } else { &FULL };
+    let mut points: Vec<Vec<Cell>> = Vec::new();
+    for (what, knows) in KINDS {
+        let balls = match knows {
+            Knows::Scan => sizes.cages,
+            Knows::Means | Knows::Samples => sizes.values,
+        };
+        points.extend(balls.iter().map(|cells| {
+            let numbers = [*cells, sizes.voxels, sizes.pixels].map(Cell::from);
+            [Cell::from(what)].into_iter().chain(numbers).collect()
+        }));
+    }
+    let mut prepared: Option<Prepared> = None;
+    let rows = run.measure("scan", &SETTINGS, &RESULTS, &points, |point| {
+        let prepared = match &mut prepared {
+            Some(prepared) => prepared,
+            None => prepared.insert(prepare(run, sizes)?),
+        };
+        measure(run, sizes, prepared, point)
+    })?;
+    finding::tell(run, sizes, &rows)
+}
+
+fn prepare(run: &Run, sizes: &Sizes) -> Result<Prepared> {
+    let subject = Subject::new(sizes.voxels, sizes.pixels)?;
+    let truth = subject.truth();
+    truth.save(run.dir.join("scan-truth.png"))?;
+    Ok(Prepared {
+        reference: drawn(run, &subject, sizes.reference, Knows::Scan)?,
+        subject,
+        truth,
+    })
+}
+
+fn drawn(run: &Run, subject: &Subject, cells: usize, knows: Knows) -> Result<Drawn> {
+    let mesh = generate::ball(BALL, cells)?;
+    let (caster, arrays, _) = taken(run.gpu, || subject.raycaster(run, &mesh, knows))?;
+    let of_scan = match knows {
+        Knows::Scan => subject.scan_bytes(),
+        Knows::Means | Knows::Samples => 0.0,
+    };
+    Ok(Drawn {
+        mesh,
+        caster,
+        bytes: arrays + of_scan,
+    })
+}
+
+/// Draws a point, holds it against the truth, and times it in turns with the reference.
+fn measure(run: &Run, sizes: &Sizes, prepared: &mut Prepared, point: &[Cell]) -> Result<Vec<Cell>> {
+    let (what, cells) = (point[0].text(), point[1].number() as usize);
+    let Some((_, knows)) = KINDS.into_iter().find(|(name, _)| *name == what) else {
+        return Ok(Vec::new());
+    };
+    let subject = &prepared.subject;
+    let mut own = drawn(run, subject, cells, knows)?;
+    let (camera, size) = (&subject.camera, subject.size);
+    let picture = own.caster.image(camera, size, Mode::Composite)?;
+    let kept = match knows {
+        Knows::Scan => cells == sizes.reference,
+        Knows::Means => false,
+        Knows::Samples => sizes.kept.contains(&cells),
+    };
+    if kept {
+        picture.save(run.dir.join(format!("scan-{what}-{cells}.png")))?;
+    }
+    let apart = Difference::between(&prepared.truth, &picture)?;
+    // Who else uses the machine slows both of a pair.
+    let mut times: [Vec<f64>; 3] = Default::default();
+    for _ in 0..sizes.pairs {
+        let reference = &mut prepared.reference.caster;
+        let reference = frame_ms(run.gpu, reference, camera, size, 1)?;
+        let own = frame_ms(run.gpu, &mut own.caster, camera, size, 1)?;
+        for (times, time) in times.iter_mut().zip([own, reference, own / reference]) {
+            times.push(time);
+        }
+    }
+    let [ms, reference_ms, share] = times.map(|mut times| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    });
+    Ok(vec![
+        own.mesh.nodes.len().into(),
+        own.mesh.tets.len().into(),
+        (255.0 * apart.rmse).into(),
+        apart.flip.unwrap_or(f64::NAN).into(),
+        gradient_r2(&prepared.truth, &picture).into(),
+        ms.into(),
+        reference_ms.into(),
+        share.into(),
+        (1e-6 * own.bytes).into(),
+    ])
+}
+
+/// How much of the truth's gradients, from pixel to pixel, a picture has: their coefficient of
+/// determination. 1 where all edges are there, and 0 where as much is wrong as there is to see.
+fn gradient_r2(truth: &Image, picture: &Image) -> f64 {
+    let [width, height] = truth.size;
+    let (mut off, mut whole) = (0.0, 0.0);
+    for y in 1..height {
+        for x in 1..width {
+            for [u, v] in [[x - 1, y], [x, y - 1]] {
+                let slope = |image: &Image, c: usize| {
+                    f64::from(image.pixel(x, y)[c] - image.pixel(u, v)[c])
+                };
+                for c in 0..3 {
+                    let own = slope(truth, c);
+                    off += (slope(picture, c) - own).powi(2);
+                    whole += own * own;
+                }
+            }
+        }
+    }
+    1.0 - off / whole
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_gradients_all_are_there_or_none() {
+        let of = |value: fn(f32) -> f32| Image {
+            size: [16, 4],
+            channels: 3,
+            values: (0..16 * 4 * 3)
+                .map(|n| value((n / 3 % 16) as f32))
+                .collect(),
+        };
+        let waves = of(|x| 0.5 + 0.3 * x.sin());
+        assert_eq!(gradient_r2(&waves, &waves), 1.0);
+        assert_eq!(gradient_r2(&waves, &of(|_| 0.5)), 0.0);
+        let halved = gradient_r2(&waves, &of(|x| 0.5 + 0.15 * x.sin()));
+        assert!((halved - 0.75).abs() < 1e-5, "{halved}");
+    }
+}

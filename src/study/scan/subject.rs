@@ -1,0 +1,193 @@
+//! A bent ball that a scan is in: its exact picture, and what draws it.
+
+use super::phantom;
+use crate::Result;
+use crate::mesh::{LocalFrame, TetMesh, Topology};
+use crate::parallel;
+use crate::render::{
+    Camera, Geometry, Image, RaycastOptions, Raycaster, ResolvedTransfer, Scan, local_positions,
+};
+use crate::study::Run;
+use glam::{DVec2, DVec3};
+
+/// The radius of the circle that the z-axis is bent to.
+const BEND: f64 = 1.0;
+/// The ball's radius, at rest; and of a ball about the origin that holds it bent.
+pub(super) const BALL: f64 = 0.5;
+const HOLDS: f64 = 0.6;
+/// Samples of the exact picture in a voxel's length.
+pub(super) const FINE: f64 = 8.0;
+/// What is behind this opacity is not seen in it.
+const OPAQUE: f64 = 1.0 - 1e-6;
+
+/// How a mesh knows of the scan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Knows {
+    /// It carries it.
+    Scan,
+    /// Its nodes have the means over their cells.
+    Means,
+    /// Its nodes have what the scan has there.
+    Samples,
+}
+
+/// Where `p` comes.
+fn bent(p: DVec3) -> DVec3 {
+    let (sin, cos) = (p.z / BEND).sin_cos();
+    let r = BEND + p.x;
+    DVec3::new(r * cos - BEND, p.y, r * sin)
+}
+
+/// Where what comes to `p` rests.
+fn unbent(p: DVec3) -> DVec3 {
+    let r = (p.x + BEND).hypot(p.z);
+    DVec3::new(r - BEND, p.y, BEND * p.z.atan2(p.x + BEND))
+}
+
+/// The scan, and how it is seen.
+pub(super) struct Subject {
+    scan: Scan,
+    transfer: ResolvedTransfer,
+    pub camera: Camera,
+    pub size: [u32; 2],
+}
+
+impl Subject {
+    /// A scan of so many voxels along each axis, in a picture of so many pixels.
+    pub fn new(voxels: usize, pixels: usize) -> Result<Subject> {
+        let scan = phantom::scan(voxels)?;
+        let eye = DVec3::new(1.0, -2.0, 0.7);
+        Ok(Subject {
+            transfer: phantom::transfer()?.resolved(scan.range(), 1.0),
+            scan,
+            camera: Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 26.0),
+            size: [pixels as u32; 2],
+        })
+    }
+
+    /// Bytes of the scan as it is drawn: half floats.
+    pub fn scan_bytes(&self) -> f64 {
+        2.0 * self.scan.volume.voxels() as f64
+    }
+
+    /// The picture of the scan, bent without any mesh, in float64.
+    pub fn truth(&self) -> Image {
+        let pixels = self.exact(1.0 / (FINE * self.scan.volume.size[0] as f64));
+        Image {
+            size: self.size,
+            channels: 4,
+            values: pixels.into_iter().flatten().map(|v| v as f32).collect(),
+        }
+    }
+
+    /// Pixels by samples `step` apart.
+    fn exact(&self, step: f64) -> Vec<[f64; 4]> {
+        let [width, height] = self.size.map(|n| n as usize);
+        let to_voxel = self.scan.voxel_from_rest();
+        parallel::map_heavy(width * height, |i| {
+            let pixel = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            let ray = self.camera.ray(pixel, self.size);
+            let nearest = -ray.origin.dot(ray.direction);
+            let aside = (ray.origin + nearest * ray.direction).length_squared();
+            let half = (HOLDS * HOLDS - aside).max(0.0).sqrt();
+            let mut sum = [0.0; 4];
+            for n in 0..(2.0 * half / step).ceil() as usize {
+                let t = nearest - half + (n as f64 + 0.5) * step;
+                let rest = unbent(ray.origin + t * ray.direction);
+                if rest.length_squared() > BALL * BALL {
+                    continue;
+                }
+                let value = self.scan.volume.at_index(to_voxel.transform_point3(rest));
+                let alpha = -(-step * self.transfer.extinction(value)).exp_m1();
+                if alpha <= 0.0 {
+                    continue;
+                }
+                let [r, g, b] = self.transfer.colour(value);
+                let clear = 1.0 - sum[3];
+                for (sum, seen) in sum.iter_mut().zip([r, g, b, 1.0]) {
+                    *sum += clear * alpha * seen;
+                }
+                if sum[3] > OPAQUE {
+                    break;
+                }
+            }
+            sum
+        })
+    }
+
+    /// What draws `mesh`, bent.
+    pub fn raycaster(&self, run: &Run, mesh: &TetMesh, knows: Knows) -> Result<Raycaster> {
+        let gpu = run.gpu;
+        let frame = LocalFrame::of_mesh(mesh);
+        let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
+        let positions = local_positions(gpu, &frame, &positions)?;
+        let topology = Topology::new(mesh);
+        let volume = &self.scan.volume;
+        let values = match knows {
+            Knows::Scan => vec![0.0; mesh.nodes.len()],
+            Knows::Means => volume.onto_nodes(mesh, "scan").values,
+            Knows::Samples => parallel::map(mesh.nodes.len(), |v| volume.sample(mesh.nodes[v])),
+        };
+        let mut geometry = Geometry::new(gpu, mesh, &topology, frame, &positions, &values)?;
+        if knows == Knows::Scan {
+            geometry.remember_rest(mesh)?;
+        }
+        let (transfer, options) = (phantom::transfer()?, RaycastOptions::default());
+        let mut caster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
+        if knows == Knows::Scan {
+            let notes = caster.set_scans(mesh, std::slice::from_ref(&self.scan))?;
+            notes.iter().for_each(|note| run.note(note));
+        }
+        Ok(caster)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::mesh::generate;
+    use crate::render::RayReference;
+
+    /// Root mean square difference, of 255.
+    fn apart(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
+        let pairs = a.as_flattened().iter().zip(b.as_flattened());
+        let square: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
+        255.0 * (square / (4 * a.len()) as f64).sqrt()
+    }
+
+    #[test]
+    fn what_is_bent_rests_where_it_was() {
+        for p in [
+            DVec3::ZERO,
+            DVec3::new(0.3, -0.2, 0.35),
+            DVec3::new(-0.4, 0.1, -0.3),
+        ] {
+            assert!(unbent(bent(p)).distance(p) < 1e-12, "{p}");
+            assert!(bent(p).length() < HOLDS, "{p}");
+        }
+        assert!(bent(DVec3::new(0.1, 0.0, 0.4)).distance(DVec3::new(0.1, 0.0, 0.4)) > 0.05);
+    }
+
+    /// The exact picture does not go by its steps, and is that of exact rays through many tets.
+    #[test]
+    fn the_exact_picture_is_that_of_rays_through_small_tets() {
+        let subject = Subject::new(48, 40).unwrap();
+        let voxel = 1.0 / 48.0;
+        let pixels = subject.exact(voxel / FINE);
+        let finer = apart(&pixels, &subject.exact(voxel / (4.0 * FINE)));
+        assert!(finer < 0.1, "{finer}");
+        let through_tets = |cells: usize| {
+            let mesh = generate::ball(BALL, cells).unwrap();
+            let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
+            let rays = RayReference::of_scan(&mesh, &positions, &subject.scan, FINE);
+            let all = rays.picture(&subject.camera, subject.size, |rays, ray| {
+                rays.composite(ray, &subject.transfer)
+            });
+            apart(&pixels, &all)
+        };
+        let [few, many] = [8, 24].map(through_tets);
+        println!("{finer:.4} by steps, {few:.3} of few tets, {many:.3} of many");
+        assert!(many < 0.5 && many < 0.5 * few, "{few} {many}");
+    }
+}
