@@ -119,8 +119,8 @@ impl Warp<'_> {
                 let coverage = self.write_bent(sampler.as_ref(), grid, &mut both, &mut step)?;
                 report.bent = Some(coverage);
             }
-            let streams = [displacement, image, inverse].into_iter().flatten();
-            streams.map(VolumeStream::end).collect()
+            let mut streams = [displacement, image, inverse].into_iter().flatten();
+            streams.try_for_each(VolumeStream::end)
         };
         opened(files.displacement, vectors(&scans), &mut |displacement| {
             let mut displacement = displacement;

@@ -157,6 +157,9 @@ fn unlike(a: &Image, b: &Image) -> f64 {
     255.0 * (each.iter().sum::<f64>() / a.values.len() as f64).sqrt()
 }
 
+/// What it is called, what is added to the scene, and what is said otherwise in it.
+type Case<'a> = (&'a str, &'a str, &'a [(&'a str, &'a str)]);
+
 #[test]
 fn a_scan_is_seen_as_a_field_with_all_that_scenes_have() {
     let folder = files("alike");
@@ -164,7 +167,7 @@ fn a_scan_is_seen_as_a_field_with_all_that_scenes_have() {
     let plain = [("", "")];
     let inside = [("eye = [90, 60, 140]", "eye = [22, 12, 24]")];
     let xray = "[xray]\nwater = 1000\nair = 0\n";
-    let cases: &[(&str, &str, &[(&str, &str)])] = &[
+    let cases: &[Case<'_>] = &[
         ("plain", "", &plain),
         (
             "clip",

@@ -58,7 +58,11 @@ fn branch(
         return;
     }
     // Each fork lies across the one before.
-    let across = way.cross(if more % 2 == 0 { DVec3::Y } else { DVec3::Z });
+    let across = way.cross(if more.is_multiple_of(2) {
+        DVec3::Y
+    } else {
+        DVec3::Z
+    });
     let across = across.normalize_or(DVec3::X);
     for turn in [-0.45, 0.65] {
         let way = (way + turn * across).normalize();
