@@ -96,6 +96,10 @@ impl Simulator for Carried {
         self.inner.advance(steps, dt)
     }
 
+    fn set_waker(&mut self, waker: crate::physics::Waker) {
+        self.inner.set_waker(waker);
+    }
+
     fn progress(&mut self) -> Result<Progress> {
         self.inner.progress()
     }

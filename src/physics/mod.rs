@@ -94,7 +94,7 @@ pub use rapier::RapierTets;
 pub use reactions::{Forces, Held, Reaction};
 pub use report::{Energy, Report};
 pub use rigid::RigidBody;
-pub use simulator::{Pose, Simulator, SimulatorState, TopologyChange};
+pub use simulator::{Pose, Simulator, SimulatorState, TopologyChange, Waker};
 pub use solver::Solver;
 pub use stability::largest_stable_step;
 use stability::with_terms;

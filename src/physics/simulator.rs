@@ -12,6 +12,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+/// What is called by the thread of a body on the CPU whenever there are new positions to draw.
+pub type Waker = Arc<dyn Fn() + Send + Sync>;
+
 /// A body and what moves it.
 ///
 /// Places are in file units, velocities in file units a second, forces in newtons; nodes are those
@@ -162,6 +165,12 @@ pub trait Simulator: Send {
     /// # Errors
     /// As [`Simulator::progress`].
     fn finish(&mut self) -> Result<Progress>;
+
+    /// Has `waker` called when steps were done that nobody waits for, so that a window sleeps until
+    /// then; a body on the GPU has nobody who could call, and is to be looked at.
+    fn set_waker(&mut self, waker: Waker) {
+        let _ = waker;
+    }
 
     /// Asks for steps and waits for them.
     ///

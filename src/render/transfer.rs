@@ -145,6 +145,16 @@ impl ResolvedTransfer {
         }
     }
 
+    /// The nodes of its colour: (s, red, green, blue).
+    pub fn colour_nodes(&self) -> &[[f64; 4]] {
+        &self.colour
+    }
+
+    /// The nodes of its extinction: (s, extinction per unit of length of the mesh file).
+    pub fn extinction_nodes(&self) -> &[[f64; 2]] {
+        &self.extinction
+    }
+
     /// Red, green and blue at scalar `s`.
     pub fn colour(&self, s: f64) -> [f64; 3] {
         let [_, r, g, b] = interpolated(&self.colour, s);

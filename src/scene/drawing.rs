@@ -125,7 +125,7 @@ impl Stage {
     }
 
     /// Records the drawing of the picture into `colour`, whose size replaces the scene's, on
-    /// black: for callers with encoders and views of their own. Reads nothing back.
+    /// the backdrop: for callers with encoders and views of their own. Reads nothing back.
     ///
     /// # Errors
     /// As [`Raycaster::record`](crate::render::Raycaster::record).
@@ -133,7 +133,7 @@ impl Stage {
         self.publish(work)?;
         self.refresh_field()?;
         self.follow_tools()?;
-        let background = Some([0.0, 0.0, 0.0, 1.0]);
+        let background = Some(self.backdrop);
         let target = Target {
             colour,
             occluder: None,

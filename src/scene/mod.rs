@@ -51,6 +51,7 @@ mod path;
 mod picture;
 mod reactions;
 mod region;
+mod region_looks;
 mod regions;
 mod rest;
 mod scan;
@@ -217,8 +218,16 @@ impl Scene {
 
     fn read_file(path: &Path) -> Result<Scene> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-        let mut scene = Scene::parse(&text).map_err(|e| Error::format(path, e.to_string()))?;
         let folder = path.parent().unwrap_or(Path::new(""));
+        Scene::parse_in(&text, folder).map_err(|e| Error::format(path, e.to_string()))
+    }
+
+    /// Parses the text of a scene; paths in it are made relative to `folder`.
+    ///
+    /// # Errors
+    /// As [`Scene::parse`].
+    pub fn parse_in(text: &str, folder: &Path) -> Result<Scene> {
+        let mut scene = Scene::parse(text)?;
         let bodies = scene.body.iter_mut().map(|body| &mut body.mesh);
         for mesh in bodies.chain([&mut scene.mesh]) {
             for file in [&mut mesh.file, &mut mesh.rest] {

@@ -28,6 +28,8 @@ pub struct Motion {
     pub dt: f64,
     pub(super) attachments: Vec<Attachment>,
     pub(super) progress: Option<Progress>,
+    /// Steps that were asked for and not waited for, and how many there are in all after these.
+    asked: Option<(u32, u64)>,
     pub(super) sleep: Sleep,
     cage: Option<CageReport>,
     /// Whether its steps are those of a grid.
@@ -67,6 +69,7 @@ impl Motion {
             dt: setup.dt,
             attachments: attachments.collect::<Result<_>>()?,
             progress: None,
+            asked: None,
             sleep: Sleep::new(scene.solver.sleep.unwrap_or(true)),
             cage: setup.cage,
             grid: setup.grid,
@@ -83,16 +86,10 @@ impl Motion {
     /// last good state.
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
         let mut done = 0;
+        self.asked = None;
         while done < steps {
             let some = self.steps_at_once().min(steps - done);
-            let time = self.time() + f64::from(some) * self.dt;
-            for attachment in &mut self.attachments {
-                attachment.act(self.simulator.as_mut(), time)?;
-            }
-            if self.actors.change() {
-                let (now, dt) = (self.time(), self.dt);
-                self.actors.act(self.simulator.as_mut(), now, dt)?;
-            }
+            self.act(some)?;
             match self.sleep.holds(self.simulator.touched()) {
                 true => self.sleep.pass(some, self.dt),
                 false => {
@@ -104,6 +101,62 @@ impl Motion {
             }
             done += some;
             progress(done);
+        }
+        Ok(())
+    }
+
+    /// Asks for some of `steps` more steps, as many as may go by before loads of the scene change,
+    /// and waits for none of them; where the body sleeps only time goes by. Once
+    /// [`Motion::under_way`] says that earlier ones are done.
+    ///
+    /// # Errors
+    /// As [`Motion::run`].
+    pub fn ask(&mut self, steps: u32) -> Result<()> {
+        let some = self.steps_at_once().min(steps);
+        if some == 0 {
+            return Ok(());
+        }
+        self.act(some)?;
+        if self.sleep.holds(self.simulator.touched()) {
+            self.sleep.pass(some, self.dt);
+            return Ok(());
+        }
+        let done = self.simulator.progress()?.steps;
+        self.simulator.advance(some, self.dt)?;
+        self.asked = Some((some, done + u64::from(some)));
+        Ok(())
+    }
+
+    /// Whether steps that [`Motion::ask`] asked for are still being computed, without waiting.
+    ///
+    /// # Errors
+    /// As [`Motion::run`].
+    pub fn under_way(&mut self) -> Result<bool> {
+        let Some((some, goal)) = self.asked else {
+            return Ok(false);
+        };
+        let now = self.simulator.progress();
+        // Of a failure nothing is left to wait for.
+        let now = now.inspect_err(|_| self.asked = None)?;
+        if now.steps < goal {
+            return Ok(true);
+        }
+        self.asked = None;
+        self.progress = Some(now);
+        let (speed, touched) = (self.simulator.speed(), self.simulator.touched());
+        self.sleep.look(speed, some, self.dt, touched);
+        Ok(false)
+    }
+
+    /// Has what acts on the body as time goes on be where it is after `steps` more steps.
+    fn act(&mut self, steps: u32) -> Result<()> {
+        let time = self.time() + f64::from(steps) * self.dt;
+        for attachment in &mut self.attachments {
+            attachment.act(self.simulator.as_mut(), time)?;
+        }
+        if self.actors.change() {
+            let (now, dt) = (self.time(), self.dt);
+            self.actors.act(self.simulator.as_mut(), now, dt)?;
         }
         Ok(())
     }
@@ -160,6 +213,11 @@ impl Motion {
         self.simulator.has_state()
     }
 
+    /// Metres in a unit of the mesh.
+    pub fn length_unit(&self) -> f64 {
+        self.simulator.loads().frame_and_unit().1
+    }
+
     /// What computes its steps.
     pub fn engine(&self) -> Engine {
         self.simulator.engine()
@@ -186,6 +244,7 @@ impl Motion {
         self.attachments = attachments.collect::<Result<_>>()?;
         self.dt = scene.solver.dt.unwrap_or(self.dt);
         self.progress = None;
+        self.asked = None;
         self.sleep = Sleep::new(scene.solver.sleep.unwrap_or(true));
         self.simulator.restart()?;
         self.actors.restart(self.simulator.as_mut())?;

@@ -97,7 +97,7 @@ impl Scene {
     }
 
     /// The planes and isosurfaces of the picture. The lit boundary has its cut faces for a volume.
-    fn inside(&self, mode: DisplayMode, notes: &mut Vec<String>) -> Result<Inside> {
+    pub(super) fn inside(&self, mode: DisplayMode, notes: &mut Vec<String>) -> Result<Inside> {
         let mut inside = Inside {
             volume: self.picture.volume.unwrap_or(true),
             ..Inside::default()

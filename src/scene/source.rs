@@ -5,7 +5,7 @@ use super::{JoinEntry, LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::generate::Lump;
 use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
-use crate::mesher::{Labels, Recipe, Size};
+use crate::mesher::{Labels, Progress, Recipe, Size};
 use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
 use crate::{Error, Result};
@@ -23,7 +23,16 @@ impl MeshSource {
     /// [`Error::Input`] when neither or both of a file and a generator are named, or the
     /// generator is not known; otherwise what reading gives.
     pub fn load(&self) -> Result<TetMesh> {
-        let mut mesh = self.welded()?;
+        self.load_telling(&|_, _| {})
+    }
+
+    /// As [`MeshSource::load`], telling `progress` what is being done, and which part of it is done,
+    /// while a scan or a surface is meshed.
+    ///
+    /// # Errors
+    /// As [`MeshSource::load`].
+    pub fn load_telling(&self, progress: Progress) -> Result<TetMesh> {
+        let mut mesh = self.welded(progress)?;
         if !self.join.is_empty() {
             let others = self.join.iter().enumerate().map(|(k, other)| other.load(k));
             let others: Vec<(String, TetMesh)> = others.collect::<Result<_>>()?;
@@ -60,11 +69,11 @@ impl MeshSource {
         Ok(Some(lump).filter(|lump| lump.diameter != 0.0))
     }
 
-    fn welded(&self) -> Result<TetMesh> {
+    fn welded(&self, progress: Progress) -> Result<TetMesh> {
         let lump = self.lump()?;
         match (&self.file, &self.generate) {
             (Some(file), None) if io::kind(file)? == Kind::Mesh => io::read(file),
-            (Some(_), None) => self.made(),
+            (Some(_), None) => self.made(progress),
             (None, Some(name)) => match self.tets {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
                     "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
@@ -89,7 +98,7 @@ impl JoinEntry {
         };
         let name = self.name.clone();
         let name = name.unwrap_or_else(|| format!("mesh{}", number + 2));
-        let mut mesh = source.welded()?;
+        let mut mesh = source.welded(&|_, _| {})?;
         let axis = DVec3::from(self.axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let turn = DQuat::from_axis_angle(axis, self.turn.unwrap_or(0.0).to_radians());
         let offset = DVec3::from(self.offset.unwrap_or_default());
@@ -105,8 +114,8 @@ impl JoinEntry {
 
 impl MeshSource {
     /// The mesh of a volume or a closed surface.
-    fn made(&self) -> Result<TetMesh> {
-        let made = self.recipe()?.mesh(&|_, _| {})?;
+    fn made(&self, progress: Progress) -> Result<TetMesh> {
+        let made = self.recipe()?.mesh(progress)?;
         let mut mesh = made.mesh;
         mesh.repairs.warnings.extend(made.notes);
         Ok(mesh)

@@ -6,18 +6,20 @@ use super::checkpoint::Journal;
 use super::cutter::Cutter;
 use super::drawing::CachedFrame;
 use super::drawn_tool::DrawnTool;
-use super::picture::{DisplayMode, SIZE};
-use super::scan::Scans;
+use super::looks::Looks;
+use super::picture::DisplayMode;
 use super::shown::{self, Shown};
-use super::skin::carrier;
 use super::xray::RadiographFilm;
 use super::{Motion, ScalarField, Scene, ToolEntry};
 use crate::gpu::Gpu;
 use crate::io::PvdSeries;
 use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
 use crate::physics::grid::GridShape;
-use crate::physics::{Nodes, SolverKind, ToolPose};
-use crate::render::{Background, BitDepth, Camera, Inside, Raycaster, Surface};
+use crate::physics::{Nodes, SolverKind, ToolId, ToolPose};
+use crate::render::{
+    Background, BitDepth, Camera, Inside, Mode, Raycaster, ResolvedTransfer, Surface,
+    TransferFunction,
+};
 use crate::skin::{Composer, Skin};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -52,6 +54,8 @@ pub struct Stage {
     /// What checkpoints need, where they are kept.
     pub(super) journal: Option<Journal>,
     pub(super) background: Background,
+    /// What pictures are recorded on.
+    pub(super) backdrop: [f32; 4],
     pub(super) bits: BitDepth,
     pub(super) steps: u32,
     /// The last picture, as long as nothing has changed since.
@@ -184,9 +188,9 @@ impl Stage {
     }
 
     /// The stage of a body, or several, that `drive` moves; `said` is what was assumed of it.
-    fn with_drive(gpu: &Gpu, scene: &Scene, drive: Drive, said: Vec<String>) -> Result<Stage> {
-        let (mesh, topology) = (drive.mesh(), drive.topology());
-        let mut notes = mesh.repairs.warnings.clone();
+    fn with_drive(gpu: &Gpu, scene: &Scene, mut drive: Drive, said: Vec<String>) -> Result<Stage> {
+        let cutters = scene.cut.iter().map(Cutter::new).collect::<Result<_>>()?;
+        let mut notes = drive.mesh().repairs.warnings.clone();
         let asked = !(scene.grab.is_empty() && scene.cut.is_empty() && scene.tool.is_empty())
             || scene.floor.is_some();
         if matches!(drive, Drive::Posed(_)) && asked {
@@ -194,79 +198,97 @@ impl Stage {
                 "nothing moves, so grabs, cuts, floors and tools are passed over: name a solver";
             notes.push(still.into());
         }
-        shown::check_asked(scene, &drive)?;
-        let (scans, shown, scalars) = match scene.scans(mesh)? {
-            Some(Scans {
-                scans,
-                seen,
-                notes: said,
-            }) => {
-                notes.extend(said);
-                (scans, None, seen)
-            }
-            None => match Shown::new(scene, &drive)? {
-                Some((shown, scalars)) => (Vec::new(), Some(shown), scalars),
-                None => (Vec::new(), None, scene.scalar_field(mesh, topology)?),
-            },
-        };
-        notes.extend(scalars.note.clone());
+        let looks = Looks::new(gpu, scene, &mut drive)?;
         notes.extend(said);
-        let nodes = drive.nodes();
-        let seen = (&scalars, scans.as_slice());
-        let painters = scene.painters(gpu, mesh, topology, seen, nodes, &mut notes)?;
-        let (raycaster, surface) = painters;
-        let size = scene.picture.size.unwrap_or(SIZE);
-        let reach = match &drive {
-            Drive::Simulated(motion) => motion.reach.as_ref(),
-            Drive::Posed(_) => None,
-        };
-        let points = reach.unwrap_or(&mesh.nodes);
-        let (surroundings, said) = Surroundings::new(scene, (mesh, topology), &scalars)?;
-        notes.extend(said);
-        let mut stage = Stage {
+        notes.extend(looks.notes);
+        Ok(Stage {
             gpu: gpu.clone(),
-            surroundings,
-            film: RadiographFilm::new(&scene.xray)?,
-            samples: scene.samples_each_way()?,
-            camera: scene.camera(mesh, points, size)?,
-            size,
-            mode: scene.display_mode()?,
-            background: scene.background()?,
-            bits: scene.bits()?,
+            surroundings: looks.surroundings,
+            film: looks.film,
+            samples: looks.samples,
+            camera: looks.camera,
+            size: looks.size,
+            mode: looks.mode,
+            background: looks.background,
+            backdrop: [0.0, 0.0, 0.0, 1.0],
+            bits: looks.bits,
             steps: scene.solver.steps.unwrap_or(STEPS),
             cached: None,
             pictures: [0; 2],
             depth: None,
-            composer: Composer::new(gpu, scene.compose_options()?)?,
-            cutters: scene.cut.iter().map(Cutter::new).collect::<Result<_>>()?,
+            composer: looks.composer,
+            cutters,
             journal: None,
-            skins: Vec::new(),
-            tools: Vec::new(),
+            skins: looks.skins,
+            tools: looks.tools,
             scene: scene.clone(),
-            scalars,
-            shown,
+            scalars: looks.scalars,
+            shown: looks.shown,
             drive,
-            raycaster,
-            surface,
+            raycaster: looks.raycaster,
+            surface: looks.surface,
             notes,
+        })
+    }
+
+    /// Shows the body, where it is, as `scene` has it from now on: picture, light, X-rays, planes,
+    /// isosurfaces, scans and skins, and what is written beside pictures. How it moves stays, as do
+    /// the view and the size of pictures. Returns what was assumed, in words.
+    ///
+    /// # Errors
+    /// As [`Stage::new`]; then all is as it was.
+    pub fn set_looks(&mut self, scene: &Scene) -> Result<Vec<String>> {
+        let scene = Scene {
+            picture: scene.picture.clone(),
+            light: scene.light.clone(),
+            xray: scene.xray.clone(),
+            plane: scene.plane.clone(),
+            isosurface: scene.isosurface.clone(),
+            scan: scene.scan.clone(),
+            skin: scene.skin.clone(),
+            output: scene.output.clone(),
+            camera: scene.camera.clone(),
+            ..self.scene.clone()
         };
-        if let Drive::Simulated(motion) = &stage.drive {
-            let body = (stage.drive.mesh(), stage.drive.nodes().frame());
-            stage.tools = DrawnTool::all(gpu, scene, body, motion)?;
+        let looks = Looks::new(&self.gpu, &scene, &mut self.drive)?;
+        self.surroundings = looks.surroundings;
+        self.film = looks.film;
+        self.samples = looks.samples;
+        self.mode = looks.mode;
+        self.background = looks.background;
+        self.bits = looks.bits;
+        self.composer = looks.composer;
+        self.skins = looks.skins;
+        self.tools = looks.tools;
+        self.scalars = looks.scalars;
+        self.shown = looks.shown;
+        self.raycaster = looks.raycaster;
+        self.surface = looks.surface;
+        self.scene = scene;
+        self.cached = None;
+        Ok(looks.notes)
+    }
+
+    /// As [`Stage::set_looks`], of planes and isosurfaces alone, and so quick that they can be dragged.
+    ///
+    /// # Errors
+    /// As [`Stage::set_looks`].
+    pub fn set_planes(&mut self, scene: &Scene) -> Result<Vec<String>> {
+        let scene = Scene {
+            plane: scene.plane.clone(),
+            isosurface: scene.isosurface.clone(),
+            ..self.scene.clone()
+        };
+        // Of other modes light goes by what there is inside.
+        if self.mode != DisplayMode::Inside(Mode::Composite) {
+            return self.set_looks(&scene);
         }
-        if !(scene.skin.is_empty() && scene.carried.is_empty()) {
-            let carrier = carrier(gpu, &mut stage.drive)?;
-            for entry in &scene.skin {
-                let (mut skin, notes) = entry.put_on(gpu, &carrier)?;
-                skin.set_inside(stage.raycaster.inside())?;
-                stage.skins.push(skin);
-                stage.notes.extend(notes);
-            }
-            for entry in scene.carried.iter().filter(|tool| !tool.hidden) {
-                stage.skins.push(entry.carried_skin(gpu, &carrier)?);
-            }
-        }
-        Ok(stage)
+        let mut notes = Vec::new();
+        let inside = scene.inside(self.mode, &mut notes)?;
+        // As scenes have it, tools are whole.
+        self.set_body_inside(&inside)?;
+        self.scene = scene;
+        Ok(notes)
     }
 
     /// The skins, as the body carries them now; after a cut, in mode `skin`, its walls follow them.
@@ -377,12 +399,44 @@ impl Stage {
         self.raycaster.inside()
     }
 
+    /// The transfer function of what is seen, in absolute terms.
+    pub fn transfer(&self) -> ResolvedTransfer {
+        self.raycaster.transfer()
+    }
+
+    /// Shows the inside by another transfer function from now on; the boundary and regions with
+    /// looks of their own keep theirs.
+    ///
+    /// # Errors
+    /// As [`Raycaster::set_transfer`].
+    pub fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
+        self.cached = None;
+        self.raycaster.set_transfer(transfer)
+    }
+
+    /// What [`Stage::record`] draws on, red, green, blue and opacity; black where nothing was said.
+    pub fn set_backdrop(&mut self, colour: [f32; 4]) {
+        self.backdrop = colour;
+    }
+
     /// Cuts pictures, and shows what is inside, in this way from now on: volume, boundary and skins;
     /// tools by planes in space.
     ///
     /// # Errors
     /// As [`Raycaster::set_inside`].
     pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
+        self.set_body_inside(inside)?;
+        // Tools have no shape at rest.
+        let mut in_space = inside.clone();
+        in_space.planes.retain(|plane| !plane.at_rest);
+        for tool in &mut self.tools {
+            tool.skin.set_inside(&in_space)?;
+        }
+        Ok(())
+    }
+
+    /// The same of the body and its skins, and not of tools.
+    fn set_body_inside(&mut self, inside: &Inside) -> Result<()> {
         if inside.needs_rest() && !self.raycaster.inside().needs_rest() {
             let mesh = self.drive.mesh();
             self.raycaster.geometry_mut().remember_rest(mesh)?;
@@ -394,12 +448,6 @@ impl Stage {
         for skin in &mut self.skins {
             skin.set_inside(inside)?;
         }
-        // Tools have no shape at rest.
-        let mut in_space = inside.clone();
-        in_space.planes.retain(|plane| !plane.at_rest);
-        for tool in &mut self.tools {
-            tool.skin.set_inside(&in_space)?;
-        }
         self.cached = None;
         Ok(())
     }
@@ -410,12 +458,28 @@ impl Stage {
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for a tool that is not there, or that has a way of its own.
     pub fn guide_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
+        let (id, pose) = self.led_tool(number, place)?;
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        motion.simulator.loads_mut().guide_tool(id, pose)
+    }
+
+    /// As [`Stage::guide_tool`], at once and through whatever is between.
+    ///
+    /// # Errors
+    /// As [`Stage::guide_tool`].
+    pub fn put_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
+        let (id, pose) = self.led_tool(number, place)?;
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        motion.simulator.loads_mut().put_tool(id, pose)
+    }
+
+    /// A tool that may be led by hand, and its pose at `place`.
+    fn led_tool(&self, number: usize, place: DVec3) -> Result<(ToolId, ToolPose)> {
+        let motion = self.motion().ok_or_else(|| no_tool(number))?;
         let tool = motion.actors.tools.get(number).filter(|t| !t.moves());
         let id = tool.ok_or_else(|| no_tool(number))?.id;
         let turn = motion.simulator.loads().tool(id)?.turn();
-        let pose = ToolPose::new(place, turn);
-        motion.simulator.loads_mut().guide_tool(id, pose)
+        Ok((id, ToolPose::new(place, turn)))
     }
 
     /// The force of the body on the tool of this number, N.
@@ -449,26 +513,67 @@ impl Stage {
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
         let mut done = 0;
         while done < steps {
-            let Drive::Simulated(motion) = &mut self.drive else {
+            let Some(some) = self.steps_until_cut(steps - done) else {
                 return Ok(());
             };
-            let time = motion.time();
-            let pace = self.cutters.iter().filter_map(|k| k.pace(time));
-            let some = match pace.min_by(f64::total_cmp) {
-                None => steps - done,
-                Some(pace) => ((pace / motion.dt).ceil() as u32).clamp(1, steps - done),
-            };
-            motion.run(some, &mut |n| progress(done + n))?;
-            done += some;
-            let time = motion.time();
-            let blades: Vec<Blade> = self
-                .cutters
-                .iter_mut()
-                .filter_map(|k| k.swept(time))
-                .collect();
-            for blade in &blades {
-                self.cut(blade)?;
+            if let Some(motion) = self.motion_mut() {
+                motion.run(some, &mut |n| progress(done + n))?;
             }
+            done += some;
+            self.cut_as_swept()?;
+        }
+        Ok(())
+    }
+
+    /// Asks for some of `steps` more steps and waits for none of them, for windows: they are done
+    /// once [`Stage::under_way`] says so, and then more can be asked for.
+    ///
+    /// # Errors
+    /// As [`Stage::run`].
+    pub fn ask(&mut self, steps: u32) -> Result<()> {
+        let some = self.steps_until_cut(steps);
+        match (some, self.motion_mut()) {
+            (Some(some), Some(motion)) => motion.ask(some),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether steps that [`Stage::ask`] asked for are still being computed, without waiting. What the
+    /// scene cuts is cut once they are done.
+    ///
+    /// # Errors
+    /// As [`Stage::run`].
+    pub fn under_way(&mut self) -> Result<bool> {
+        let under_way = match self.motion_mut() {
+            Some(motion) => motion.under_way()?,
+            None => false,
+        };
+        if !under_way {
+            self.cut_as_swept()?;
+        }
+        Ok(under_way)
+    }
+
+    /// How many of `steps` may go by until blades of the scene are to cut; none where nothing moves.
+    fn steps_until_cut(&self, steps: u32) -> Option<u32> {
+        let motion = self.motion()?;
+        let time = motion.time();
+        let pace = self.cutters.iter().filter_map(|k| k.pace(time));
+        Some(match pace.min_by(f64::total_cmp) {
+            None => steps,
+            Some(pace) => ((pace / motion.dt).ceil() as u32)
+                .clamp(1, steps.max(1))
+                .min(steps),
+        })
+    }
+
+    /// Cuts where blades of the scene have been since the last time.
+    fn cut_as_swept(&mut self) -> Result<()> {
+        let time = self.time();
+        let swept = self.cutters.iter_mut().filter_map(|k| k.swept(time));
+        let blades: Vec<Blade> = swept.collect();
+        for blade in &blades {
+            self.cut(blade)?;
         }
         Ok(())
     }

@@ -20,6 +20,7 @@ mod scene_loads;
 mod scene_reactions;
 mod scene_scan;
 mod scene_tools;
+mod scene_window;
 mod scenes;
 mod skin;
 mod study;

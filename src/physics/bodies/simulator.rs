@@ -84,6 +84,12 @@ impl Simulator for Bodies {
         self.each_step(steps, dt, |s, steps, dt| s.advance(steps, dt))
     }
 
+    fn set_waker(&mut self, waker: crate::physics::Waker) {
+        for member in &mut self.members {
+            member.simulator.set_waker(waker.clone());
+        }
+    }
+
     fn progress(&mut self) -> Result<Progress> {
         self.progress_of(|s| s.progress())
     }

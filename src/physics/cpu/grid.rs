@@ -10,7 +10,7 @@ use crate::physics::grid::{GridModel, drop_tets};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
     ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
-    SimulatorState, SolverKind, TopologyChange,
+    SimulatorState, SolverKind, TopologyChange, Waker,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -233,6 +233,10 @@ impl Simulator for CpuGrid {
             0 => Ok(()),
             steps => self.worker.ask(Errand::Steps(steps, dt)),
         }
+    }
+
+    fn set_waker(&mut self, waker: Waker) {
+        self.worker.set_waker(waker);
     }
 
     fn progress(&mut self) -> Result<Progress> {

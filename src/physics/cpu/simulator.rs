@@ -11,7 +11,7 @@ use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
     Acting, ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, LevelId, Loads, Material,
     NodeTerm, Nodes, Pose, Progress, Reaction, Report, SelfContact, Simulator, SimulatorState,
-    SolverKind, SpringNetwork, Tool, ToolId, TopologyChange, advice, largest_stable_step,
+    SolverKind, SpringNetwork, Tool, ToolId, TopologyChange, Waker, advice, largest_stable_step,
     with_terms,
 };
 use crate::{Error, FailureCause, Result};
@@ -397,6 +397,10 @@ impl Simulator for CpuTets {
             0 => Ok(()),
             steps => self.worker.ask(Errand::Steps(steps, dt)),
         }
+    }
+
+    fn set_waker(&mut self, waker: Waker) {
+        self.worker.set_waker(waker);
     }
 
     fn progress(&mut self) -> Result<Progress> {

@@ -3,7 +3,7 @@
 
 use super::guard::Failure;
 use super::stepped::{LoadChange, Stepped};
-use crate::physics::{Progress, StepRecord};
+use crate::physics::{Progress, StepRecord, Waker};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -85,6 +85,7 @@ struct Shared<B: Stepped + ?Sized> {
     wake: Condvar,
     idle: Condvar,
     published: Mutex<Published>,
+    waker: Mutex<Option<Waker>>,
 }
 
 /// A body and its thread.
@@ -106,6 +107,7 @@ impl<B: Stepped + ?Sized> Worker<B> {
                 wake: Condvar::new(),
                 idle: Condvar::new(),
                 published: Mutex::default(),
+                waker: Mutex::default(),
             }),
             thread: None,
         }
@@ -197,6 +199,11 @@ impl<B: Stepped + ?Sized> Worker<B> {
         (published.version != known).then(|| (published.version, published.positions.clone()))
     }
 
+    /// Has `waker` called, by the body's thread, whenever positions were put out.
+    pub fn set_waker(&self, waker: Waker) {
+        *lock(&self.shared.waker) = Some(waker);
+    }
+
     /// Puts the positions of now out.
     pub fn publish(&self) {
         self.shared.publish(&**self.body());
@@ -253,6 +260,7 @@ impl<B: Stepped + ?Sized> Shared<B> {
                 while self.turn() {
                     if put_out.elapsed() > PICTURE {
                         self.publish(&**lock(&self.body));
+                        self.call();
                         put_out = Instant::now();
                     }
                 }
@@ -265,7 +273,17 @@ impl<B: Stepped + ?Sized> Shared<B> {
                 queue.refused = Some(Error::Input(why.into()));
             }
             queue.busy = false;
+            drop(queue);
             self.idle.notify_all();
+            self.call();
+        }
+    }
+
+    /// Calls who wants to be told.
+    fn call(&self) {
+        let waker = lock(&self.waker).clone();
+        if let Some(waker) = waker {
+            waker();
         }
     }
 

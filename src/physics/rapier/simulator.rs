@@ -9,7 +9,7 @@ use crate::physics::loads::LoadVersions;
 use crate::physics::{
     ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, Loads, NodeTerm, Nodes, Pose,
     Progress, Reaction, Report, SelfContact, Simulator, SimulatorState, SolverKind, SpringNetwork,
-    Tool, ToolId, ToolPose, TopologyChange,
+    Tool, ToolId, ToolPose, TopologyChange, Waker,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -252,6 +252,10 @@ impl Simulator for RapierTets {
             0 => Ok(()),
             steps => self.worker.ask(Errand::Steps(steps, dt)),
         }
+    }
+
+    fn set_waker(&mut self, waker: Waker) {
+        self.worker.set_waker(waker);
     }
 
     fn progress(&mut self) -> Result<Progress> {

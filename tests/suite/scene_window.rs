@@ -1,0 +1,166 @@
+//! What windows need of a stage: steps that nobody waits for, looks that change, a finger led by hand.
+
+use crate::support::gpu;
+use glam::DVec3;
+use palpate::physics::Waker;
+use palpate::render::{Difference, Image, TransferFunction};
+use palpate::scene::{Scene, Stage};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+/// A box of 10 cm on a table, with a finger above it, and a force that grows.
+const BOX: &str = r#"
+[mesh]
+generate = "box"
+tets = 384
+[material]
+model = "neo-hookean"
+young = 2e4
+[solver]
+name = "implicit"
+engine = "cpu"
+dt = 0.02
+gravity = [0, 0, -9.81]
+sleep = false
+[[pin]]
+z_below = 0.001
+[[tool]]
+sphere = { radius = 0.015 }
+at = [0.05, 0.05, 0.13]
+[picture]
+size = [64, 48]
+"#;
+
+fn stage(text: &str) -> Stage {
+    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
+}
+
+/// Asks for steps one by one, and looks until each is done.
+fn go(stage: &mut Stage, steps: u32) {
+    for _ in 0..steps {
+        stage.ask(1).unwrap();
+        let since = Instant::now();
+        while stage.under_way().unwrap() {
+            assert!(
+                since.elapsed() < Duration::from_secs(60),
+                "no end of a step"
+            );
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+fn apart(a: &Image, b: &Image) -> f64 {
+    Difference::between(a, b).unwrap().max
+}
+
+fn places(stage: &Stage) -> Vec<DVec3> {
+    stage.motion().unwrap().positions().unwrap()
+}
+
+#[test]
+fn steps_that_nobody_waits_for_are_those_that_are_waited_for() {
+    let cut = "[[cut]]\nedge = [[-0.01, 0.05, 0.11], [0.03, 0.05, 0.11]]\npath = [[0.03, 0, 0, 0], [0.09, 0, 0, -0.04]]\n";
+    for more in ["", cut] {
+        let text = format!("{BOX}{more}");
+        let (mut asked, mut waited) = (stage(&text), stage(&text));
+        go(&mut asked, 8);
+        waited.run(8, &mut |_| {}).unwrap();
+        assert_eq!(asked.time(), waited.time(), "{more}");
+        assert_eq!(asked.mesh().tets, waited.mesh().tets, "{more}");
+        assert!(places(&asked) == places(&waited), "{more}");
+        // And on, each in the other's way.
+        asked.run(2, &mut |_| {}).unwrap();
+        go(&mut waited, 2);
+        assert!(places(&asked) == places(&waited), "{more}");
+    }
+    let mut cut_through = stage(&format!("{BOX}{cut}"));
+    let before = cut_through.mesh().nodes.len();
+    go(&mut cut_through, 8);
+    assert!(cut_through.mesh().nodes.len() > before);
+}
+
+#[test]
+fn who_waits_for_nothing_is_called() {
+    let mut stage = stage(BOX);
+    let calls = Arc::new(AtomicUsize::new(0));
+    let counted = calls.clone();
+    let waker: Waker = Arc::new(move || {
+        counted.fetch_add(1, Ordering::Relaxed);
+    });
+    stage.motion_mut().unwrap().simulator.set_waker(waker);
+    stage.ask(1).unwrap();
+    let since = Instant::now();
+    while calls.load(Ordering::Relaxed) == 0 {
+        assert!(since.elapsed() < Duration::from_secs(60), "nobody called");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert!(!stage.under_way().unwrap());
+    assert!(stage.time() > 0.0);
+}
+
+#[test]
+fn a_finger_is_led_by_hand_and_put_elsewhere() {
+    let mut stage = stage(&BOX.replace("[0, 0, -9.81]", "[0, 0, 0]"));
+    stage.guide_tool(0, DVec3::new(0.05, 0.05, 0.109)).unwrap();
+    go(&mut stage, 1);
+    assert!(stage.tool_force(0).unwrap().z > 0.05);
+    // Through the box, to below it: nothing is pushed along.
+    stage.put_tool(0, DVec3::new(0.05, 0.05, -0.3)).unwrap();
+    go(&mut stage, 20);
+    let moved = places(&stage).into_iter().zip(&stage.mesh().nodes);
+    let most = moved.map(|(x, p)| x.distance(*p)).fold(0.0, f64::max);
+    assert!(most < 1e-3, "{most}");
+    assert_eq!(stage.tool_force(0).unwrap(), DVec3::ZERO);
+    assert!(stage.put_tool(1, DVec3::ZERO).is_err());
+}
+
+#[test]
+fn looks_change_while_the_body_stays_where_it_is() {
+    let looks = [
+        "mode = \"mip\"\n",
+        "transfer = \"magma\"\n[light]\nfrom = \"none\"\n",
+        "[[plane]]\nclip = [0.05, 0.05, 0.05, 0, -1, 0]\n",
+        "mode = \"surface\"\n",
+    ];
+    let mut changed = stage(BOX);
+    changed.run(5, &mut |_| {}).unwrap();
+    let plain = changed.image().unwrap();
+    for look in looks {
+        let text = format!("{BOX}{look}");
+        let mut made = stage(&text);
+        made.run(5, &mut |_| {}).unwrap();
+        *made.camera_mut() = *changed.camera_mut();
+        changed.set_looks(&Scene::parse(&text).unwrap()).unwrap();
+        let image = changed.image().unwrap();
+        assert!(apart(&image, &made.image().unwrap()) == 0.0, "{look}");
+        assert!(apart(&image, &plain) > 0.0, "{look}");
+        assert_eq!(changed.time(), 0.1);
+    }
+    // Planes alone, which are quicker.
+    for look in [looks[2], "[[isosurface]]\nvalue = 0.02\n", ""] {
+        let scene = Scene::parse(&format!("{BOX}{look}")).unwrap();
+        changed.set_looks(&Scene::parse(BOX).unwrap()).unwrap();
+        changed.set_planes(&scene).unwrap();
+        let image = changed.image().unwrap();
+        changed.set_looks(&scene).unwrap();
+        let apart = apart(&image, &changed.image().unwrap());
+        assert!(apart == 0.0, "{look}: {apart}");
+    }
+    // What makes no sense leaves all as it was.
+    let before = changed.image().unwrap();
+    let wrong = Scene::parse(&BOX.replace("[picture]", "[picture]\nfield = \"nothing\"")).unwrap();
+    assert!(changed.set_looks(&wrong).is_err());
+    assert!(apart(&changed.image().unwrap(), &before) == 0.0);
+    // It goes on from where it is.
+    changed.run(1, &mut |_| {}).unwrap();
+    assert!((changed.time() - 0.12).abs() < 1e-12);
+    changed.set_looks(&Scene::parse(BOX).unwrap()).unwrap();
+    let own = changed.transfer();
+    let plain = changed.image().unwrap();
+    let bone = TransferFunction::preset("bone").unwrap();
+    changed.set_transfer(&bone).unwrap();
+    assert_ne!(changed.transfer(), own);
+    assert!(apart(&changed.image().unwrap(), &plain) > 0.0);
+}
