@@ -18,6 +18,7 @@ mod simulate;
 #[cfg(feature = "study")]
 mod study;
 mod tune;
+mod view;
 mod warp;
 
 use clap::{Parser, Subcommand};
@@ -62,6 +63,8 @@ enum Command {
     Study(study::StudyArguments),
     /// Find the cheapest settings of a scene that are as accurate as asked for, on this machine
     Tune(tune::TuneArguments),
+    /// Open a body in a window, to press on it and look into it
+    View(view::ViewArguments),
     /// Bring a scan to where a body took it; write the motion as a displacement field
     Warp(warp::WarpArguments),
     /// List the presets of transfer functions by name, or draw them all on one sheet
@@ -123,6 +126,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         #[cfg(feature = "study")]
         Command::Study(arguments) => study::run(&Gpu::with_adapter(adapter)?, arguments),
         Command::Tune(arguments) => tune::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::View(arguments) => view::run(arguments),
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),
         Command::Adapters => adapters(adapter),

@@ -1,0 +1,46 @@
+//! `palpate view`: starts the viewer, which is a program of its own.
+
+use super::Outcome;
+use clap::Args;
+use palpate::Error;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What the viewer is called.
+const NAME: &str = "palpate-view";
+
+/// Arguments of `view`.
+#[derive(Args)]
+pub struct ViewArguments {
+    /// A mesh, a volume, a closed surface or a scene (.toml) [default: the example limb]
+    file: Option<PathBuf>,
+    /// What else the viewer is to be told; `palpate-view --help` lists it
+    #[arg(last = true, value_name = "ARGUMENTS")]
+    others: Vec<String>,
+}
+
+/// Starts the viewer from beside this program, or from where programs are, and waits for its end.
+pub fn run(arguments: &ViewArguments) -> anyhow::Result<Outcome> {
+    let own = std::env::current_exe().ok();
+    let beside = own.as_deref().and_then(Path::parent).map(|folder| {
+        let name = format!("{NAME}{}", std::env::consts::EXE_SUFFIX);
+        folder.join(name)
+    });
+    let program = beside.filter(|file| file.is_file());
+    let program = program.unwrap_or_else(|| PathBuf::from(NAME));
+    let ended = Command::new(&program)
+        .args(&arguments.file)
+        .args(&arguments.others)
+        .status()
+        .map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => Error::Input(format!(
+                "the viewer, {NAME}, is neither beside this program nor in PATH; install it with `cargo install --path viewer` in Palpate's sources"
+            )),
+            _ => Error::io(&program)(e),
+        })?;
+    Ok(match ended.success() {
+        true => Outcome::Done,
+        // It has said why.
+        false => Outcome::No,
+    })
+}

@@ -1,0 +1,184 @@
+//! Where to open from and save to: a path that is typed, or chosen in the system's dialog.
+
+use crate::app::App;
+use eframe::egui::{self, Key};
+use std::path::{Path, PathBuf};
+
+/// Endings of what can be opened.
+const OPENED: [&str; 17] = [
+    "toml", "vtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr", "nii", "gz", "mha",
+    "mhd", "stl", "ply", "obj",
+];
+
+/// What a dialog of the system, which has a thread of its own, was closed with.
+pub(crate) enum Chosen {
+    /// A file to open.
+    Open(PathBuf),
+    /// Where to save what is asked for.
+    Place(PathBuf),
+}
+
+/// What can be saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Saved {
+    /// The picture.
+    Picture,
+    /// The scene with its view.
+    Scene,
+    /// The body as it stands.
+    Mesh,
+    /// What the last press measured.
+    Press,
+}
+
+impl Saved {
+    /// What it is called, what its file is called after the body, and which endings it may have.
+    fn named(self) -> (&'static str, &'static str, &'static [&'static str]) {
+        match self {
+            Saved::Picture => ("Save picture", ".png", &["png", "exr"]),
+            Saved::Scene => ("Save scene", ".toml", &["toml"]),
+            Saved::Mesh => (
+                "Save body as it is",
+                "_bent.vtu",
+                &["vtu", "vtk", "msh", "mesh", "inp"],
+            ),
+            Saved::Press => ("Save press", "_press.csv", &["csv"]),
+        }
+    }
+}
+
+/// A path that is asked for.
+pub(crate) struct Ask {
+    /// What is to be saved there; opened where nothing is said.
+    what: Option<Saved>,
+    /// As it is typed.
+    pub path: String,
+}
+
+impl Ask {
+    /// Asks what to open.
+    pub fn open() -> Ask {
+        Ask {
+            what: None,
+            path: String::new(),
+        }
+    }
+}
+
+impl App {
+    /// Has the system's dialog ask for a file to open.
+    pub(crate) fn choose_file(&self, context: &egui::Context) {
+        let dialog = rfd::AsyncFileDialog::new()
+            .set_title("Open a mesh, a volume, a surface or a scene")
+            .add_filter("All that can be opened", &OPENED)
+            .add_filter("All files", &["*"]);
+        self.wait_for(dialog.pick_file(), Chosen::Open, context);
+    }
+
+    /// Hands on what a dialog is closed with.
+    fn wait_for(
+        &self,
+        dialog: impl Future<Output = Option<rfd::FileHandle>> + Send + 'static,
+        chosen: fn(PathBuf) -> Chosen,
+        context: &egui::Context,
+    ) {
+        let (send, context) = (self.chosen.0.clone(), context.clone());
+        std::thread::spawn(move || {
+            if let Some(file) = pollster::block_on(dialog) {
+                // A window that was closed meanwhile wants nothing.
+                let _ = send.send(chosen(file.path().to_path_buf()));
+                context.request_repaint();
+            }
+        });
+    }
+
+    /// Asks where to save something: beside what is open, where nothing else is said.
+    pub(crate) fn ask_place(&mut self, what: Saved) {
+        let Some(document) = self.document.as_ref().filter(|_| self.show.is_some()) else {
+            return;
+        };
+        let name = Path::new(&document.name).file_stem().unwrap_or_default();
+        let name = name.to_string_lossy().to_lowercase().replace(' ', "_");
+        let folder = document.file.as_deref().and_then(Path::parent);
+        let here = std::env::current_dir().unwrap_or_default();
+        let place = folder.unwrap_or(&here).join(name + what.named().1);
+        self.ask = Some(Ask {
+            what: Some(what),
+            path: place.to_string_lossy().into_owned(),
+        });
+    }
+
+    /// The window that asks for a path.
+    pub(crate) fn show_ask(&mut self, context: &egui::Context) {
+        let Some(mut ask) = self.ask.take() else {
+            return;
+        };
+        let title = ask.what.map_or("Open path", |what| what.named().0);
+        let (mut done, mut browse) = (None, false);
+        egui::Window::new(title)
+            .collapsible(false)
+            .resizable(false)
+            .anchor(egui::Align2::CENTER_CENTER, [0.0, -80.0])
+            .show(context, |ui| {
+                let edit = egui::TextEdit::singleline(&mut ask.path)
+                    .hint_text("a mesh, a volume, a surface or a scene")
+                    .desired_width(420.0);
+                let response = ui.add(edit);
+                let entered = response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+                if ui.memory(|m| m.focused().is_none()) && !entered {
+                    response.request_focus();
+                }
+                if ask.what == Some(Saved::Picture) {
+                    ui.horizontal(|ui| {
+                        let [width, height] = &mut self.picture;
+                        ui.add(egui::DragValue::new(width).range(16..=8192));
+                        ui.label("×");
+                        ui.add(egui::DragValue::new(height).range(16..=8192));
+                        ui.label("pixels");
+                    });
+                }
+                ui.horizontal(|ui| {
+                    let go = if ask.what.is_some() { "Save" } else { "Open" };
+                    if ui.button(go).clicked() || entered {
+                        done = Some(true);
+                    }
+                    browse = ui.button("Browse…").clicked();
+                    let escaped = ui.input(|i| i.key_pressed(Key::Escape));
+                    if ui.button("Cancel").clicked() || escaped {
+                        done = Some(false);
+                    }
+                });
+            });
+        if browse {
+            self.browse(&ask, context);
+        }
+        let path = PathBuf::from(ask.path.trim());
+        match (done, ask.what) {
+            (None, _) => self.ask = Some(ask),
+            (Some(false), _) => {}
+            (Some(true), None) => self.open(&path, context),
+            (Some(true), Some(what)) => {
+                let result = self.save(what, &path);
+                self.tell_error(result);
+            }
+        }
+    }
+
+    /// Has the system's dialog ask for what is asked for.
+    fn browse(&self, ask: &Ask, context: &egui::Context) {
+        let Some((title, _, kinds)) = ask.what.map(Saved::named) else {
+            return self.choose_file(context);
+        };
+        let path = Path::new(&ask.path);
+        let mut dialog = rfd::AsyncFileDialog::new()
+            .set_title(title)
+            .add_filter(kinds[0], kinds);
+        if let Some(name) = path.file_name() {
+            dialog = dialog.set_file_name(name.to_string_lossy());
+        }
+        if let Some(folder) = path.parent() {
+            dialog = dialog.set_directory(folder);
+        }
+        self.wait_for(dialog.save_file(), Chosen::Place, context);
+    }
+}

@@ -1,0 +1,350 @@
+//! What is open: the text of a scene, edited in place, with its undo.
+
+use palpate::render::{Camera, Projection};
+use palpate::scene::Scene;
+use palpate::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value};
+
+/// Edits of one thing that follow each other within this time are undone together.
+const AT_ONCE: Duration = Duration::from_millis(800);
+/// Edits that can be undone.
+const MOST: usize = 200;
+
+/// The tables that say how the body looks, and not what it is.
+const LOOKS: [&str; 9] = [
+    "camera",
+    "isosurface",
+    "light",
+    "output",
+    "picture",
+    "plane",
+    "scan",
+    "skin",
+    "xray",
+];
+
+/// The text of a scene, and what it was before.
+pub struct Document {
+    /// What the window is called after.
+    pub name: String,
+    /// The file that was opened: a scene, a mesh, a volume or a surface.
+    pub file: Option<PathBuf>,
+    /// What paths in it are relative to.
+    folder: PathBuf,
+    text: DocumentMut,
+    undo: Vec<String>,
+    redo: Vec<String>,
+    last: Option<(String, Instant)>,
+}
+
+impl Document {
+    /// A scene file, or the scene that a mesh, a volume or a surface makes.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for a file that is not there; of a scene, [`Error::Format`] for what it has that
+    /// makes no sense. What else a file holds is found out by who reads it.
+    pub fn open(file: &Path) -> Result<Document> {
+        let file = std::path::absolute(file).map_err(Error::io(file))?;
+        let name = file.file_name().map(|n| n.to_string_lossy().into_owned());
+        let name = name.unwrap_or_default();
+        let folder = file.parent().map(Path::to_path_buf).unwrap_or_default();
+        if file
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+        {
+            let text = std::fs::read_to_string(&file).map_err(Error::io(&file))?;
+            let document = Document::new(name, folder, &text);
+            return document
+                .map(|document| Document {
+                    file: Some(file.clone()),
+                    ..document
+                })
+                .map_err(|e| Error::format(&file, e.to_string()));
+        }
+        if !file.exists() {
+            return Err(Error::io(&file)(std::io::ErrorKind::NotFound.into()));
+        }
+        let mut document = Document::new(name.clone(), folder, "[mesh]\n")?;
+        document.text["mesh"]["file"] = Item::Value(Value::from(name));
+        document.file = Some(file);
+        Ok(document)
+    }
+
+    /// The scene of this text, with paths relative to `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with the line that is wrong.
+    pub fn new(name: String, folder: PathBuf, text: &str) -> Result<Document> {
+        Scene::parse_in(text, &folder)?;
+        Ok(Document {
+            name,
+            file: None,
+            folder,
+            text: parsed(text)?,
+            undo: Vec::new(),
+            redo: Vec::new(),
+            last: None,
+        })
+    }
+
+    /// The scene as it is now.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for what makes no sense in it.
+    pub fn scene(&self) -> Result<Scene> {
+        Scene::parse_in(&self.text.to_string(), &self.folder)
+    }
+
+    /// Its text.
+    pub fn text(&self) -> String {
+        self.text.to_string()
+    }
+
+    /// Its text, with paths as a scene file in `folder` has them.
+    pub fn text_in(&self, folder: &Path) -> String {
+        moved(self.text.clone(), &self.folder, folder)
+    }
+
+    /// Changes the scene; `what` names the change, and those of one name that follow each other at
+    /// once are undone together. One that makes no sense is not made.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for what makes no sense.
+    pub fn edit(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) -> Result<Scene> {
+        let mut text = self.text.clone();
+        change(&mut text);
+        let scene = Scene::parse_in(&text.to_string(), &self.folder)?;
+        let now = Instant::now();
+        let goes_on = self
+            .last
+            .as_ref()
+            .is_some_and(|(last, at)| last == what && now.duration_since(*at) < AT_ONCE);
+        if !goes_on {
+            self.undo.push(self.text.to_string());
+            if self.undo.len() > MOST {
+                self.undo.remove(0);
+            }
+        }
+        self.last = Some((what.to_owned(), now));
+        self.redo.clear();
+        self.text = text;
+        Ok(scene)
+    }
+
+    /// Takes the last edit back for good.
+    ///
+    /// # Errors
+    /// As [`Document::step_back`].
+    pub fn forget(&mut self) -> Result<()> {
+        self.step_back(false)?;
+        self.redo.pop();
+        Ok(())
+    }
+
+    /// The part of the text that says what moves, and how.
+    pub fn body(&self) -> String {
+        let mut text = self.text.clone();
+        LOOKS.iter().for_each(|table| {
+            text.remove(table);
+        });
+        text.to_string()
+    }
+
+    /// Its text as [`Document::text_in`], with the view of `camera` and pictures of `size`.
+    pub fn text_seen(&self, folder: &Path, camera: &Camera, size: [u32; 2]) -> String {
+        let mut text = self.text.clone();
+        let [fov, height] = match camera.projection {
+            Projection::Perspective { fov } => [Some(fov), None],
+            Projection::Orthographic { height } => [None, Some(height)],
+        };
+        for (key, place) in [
+            ("eye", camera.eye),
+            ("look_at", camera.look_at),
+            ("up", camera.up),
+        ] {
+            set(&mut text, "camera", key, Some(numbers(place.to_array())));
+        }
+        set(&mut text, "camera", "fov", fov.map(Value::from));
+        set(&mut text, "camera", "orthographic", height.map(Value::from));
+        let size = Value::Array(size.into_iter().map(i64::from).collect());
+        set(&mut text, "picture", "size", Some(size));
+        moved(text, &self.folder, folder)
+    }
+
+    /// Whether there is anything to undo, and to redo.
+    pub fn can(&self) -> [bool; 2] {
+        [!self.undo.is_empty(), !self.redo.is_empty()]
+    }
+
+    /// Undoes the last edit, or with `again` the last undo. Whether there was any.
+    ///
+    /// # Errors
+    /// None that a text could have which was a scene before.
+    pub fn step_back(&mut self, again: bool) -> Result<bool> {
+        let (from, to) = match again {
+            false => (&mut self.undo, &mut self.redo),
+            true => (&mut self.redo, &mut self.undo),
+        };
+        let Some(text) = from.pop() else {
+            return Ok(false);
+        };
+        to.push(self.text.to_string());
+        self.text = parsed(&text)?;
+        self.last = None;
+        Ok(true)
+    }
+}
+
+fn parsed(text: &str) -> Result<DocumentMut> {
+    text.parse()
+        .map_err(|e: toml_edit::TomlError| Error::Input(e.to_string()))
+}
+
+/// The text, whose paths are relative to the first folder, as a file in the second has it.
+fn moved(mut text: DocumentMut, from: &Path, to: &Path) -> String {
+    if from != to {
+        absolute(text.as_item_mut(), from);
+    }
+    text.to_string()
+}
+
+/// Sets `table.key`, and takes it out with `None`.
+pub fn set(text: &mut DocumentMut, table: &str, key: &str, value: Option<Value>) {
+    match value {
+        Some(value) => {
+            let entry = text.entry(table).or_insert(Item::Table(Table::new()));
+            if let Some(entry) = entry.as_table_like_mut() {
+                entry.insert(key, Item::Value(value));
+            }
+        }
+        None => {
+            let entry = text.get_mut(table).and_then(Item::as_table_like_mut);
+            entry.map(|entry| entry.remove(key));
+        }
+    }
+}
+
+/// Has `[[name]]` be these tables, none where there are none.
+pub fn set_all(text: &mut DocumentMut, name: &str, tables: Vec<Table>) {
+    if tables.is_empty() {
+        text.remove(name);
+        return;
+    }
+    let mut all = ArrayOfTables::new();
+    tables.into_iter().for_each(|table| all.push(table));
+    text.insert(name, Item::ArrayOfTables(all));
+}
+
+/// An array of numbers.
+pub fn numbers<const N: usize>(values: [f64; N]) -> Value {
+    Value::Array(values.into_iter().collect())
+}
+
+/// Makes what names a file relative to `folder` absolute: strings that are the path of one there.
+fn absolute(item: &mut Item, folder: &Path) {
+    match item {
+        Item::Value(value) => absolute_value(value, folder),
+        Item::Table(table) => table
+            .iter_mut()
+            .for_each(|(_, item)| absolute(item, folder)),
+        Item::ArrayOfTables(all) => all
+            .iter_mut()
+            .flat_map(|table| table.iter_mut().map(|(_, item)| item).collect::<Vec<_>>())
+            .for_each(|item| absolute(item, folder)),
+        Item::None => {}
+    }
+}
+
+fn absolute_value(value: &mut Value, folder: &Path) {
+    match value {
+        Value::String(string) => {
+            let file = folder.join(string.value());
+            if Path::new(string.value()).extension().is_some() && file.is_file() {
+                *value = Value::from(file.to_string_lossy().into_owned());
+            }
+        }
+        Value::Array(all) => all.iter_mut().for_each(|v| absolute_value(v, folder)),
+        Value::InlineTable(table) => {
+            table
+                .iter_mut()
+                .for_each(|(_, v)| absolute_value(v, folder));
+        }
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "# A bar.\n[mesh]\ngenerate = \"bar\"\ntets = 500\n";
+
+    fn document() -> Document {
+        Document::new("bar".into(), PathBuf::new(), TEXT).unwrap()
+    }
+
+    #[test]
+    fn edits_are_undone_and_done_again_and_comments_stay() {
+        let mut document = document();
+        let colour = |v: &str| Some(Value::from(v));
+        document
+            .edit("transfer", |t| {
+                set(t, "picture", "transfer", colour("bone"))
+            })
+            .unwrap();
+        document
+            .edit("transfer", |t| {
+                set(t, "picture", "transfer", colour("tissue"))
+            })
+            .unwrap();
+        document
+            .edit("mode", |t| set(t, "picture", "mode", colour("mip")))
+            .unwrap();
+        assert!(document.text_in(Path::new("")).starts_with("# A bar.\n"));
+        assert_eq!(
+            document.scene().unwrap().picture.mode.as_deref(),
+            Some("mip")
+        );
+        assert!(document.step_back(false).unwrap());
+        assert_eq!(document.scene().unwrap().picture.mode, None);
+        // Both edits of one thing at once.
+        assert!(document.step_back(false).unwrap());
+        assert_eq!(document.text_in(Path::new("")), TEXT);
+        assert!(!document.step_back(false).unwrap());
+        assert!(document.step_back(true).unwrap() && document.step_back(true).unwrap());
+        assert_eq!(
+            document.scene().unwrap().picture.mode.as_deref(),
+            Some("mip")
+        );
+        assert_eq!(document.can(), [true, false]);
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_not_done() {
+        let mut document = document();
+        let wrong = document.edit("mode", |t| {
+            set(t, "picture", "mode", Some(Value::from("sideways")));
+        });
+        assert!(wrong.is_err());
+        assert_eq!(document.text_in(Path::new("")), TEXT);
+        assert_eq!(document.can(), [false, false]);
+    }
+
+    #[test]
+    fn saved_elsewhere_it_finds_its_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let (here, there) = (dir.path().join("a"), dir.path().join("b"));
+        std::fs::create_dir_all(&here).unwrap();
+        std::fs::write(here.join("limb.vtu"), "").unwrap();
+        let text = "[mesh]\nfile = \"limb.vtu\"\n[picture]\ntransfer = \"bone\"\n";
+        let document = Document::new("x".into(), here.clone(), text).unwrap();
+        assert_eq!(document.text_in(&here), text);
+        let moved = document.text_in(&there);
+        let scene = Scene::parse_in(&moved, &there).unwrap();
+        assert_eq!(scene.mesh.file, Some(here.join("limb.vtu")));
+        assert_eq!(scene.picture.transfer.as_deref(), Some("bone"));
+    }
+}

@@ -1,0 +1,122 @@
+//! Bodies that ship with the viewer.
+
+use crate::document::Document;
+use palpate::io::atomic_write;
+use palpate::{Error, Result};
+use std::io::Write;
+
+/// A body that ships with the viewer.
+pub struct Example {
+    /// What it is called.
+    pub name: &'static str,
+    /// Its scene.
+    text: &'static str,
+    /// What the scene reads.
+    files: &'static [(&'static str, &'static [u8])],
+}
+
+const LIMB: (&str, &[u8]) = ("limb.json", include_bytes!("../../data/limb.json"));
+
+/// All of them.
+pub const EXAMPLES: &[Example] = &[
+    Example {
+        name: "Limb",
+        text: include_str!("../examples/limb.toml"),
+        files: &[LIMB],
+    },
+    Example {
+        name: "Knee",
+        text: include_str!("../examples/knee.toml"),
+        files: &[
+            ("knee.nrrd", include_bytes!("../../data/knee.nrrd")),
+            ("knee.json", include_bytes!("../../data/knee.json")),
+        ],
+    },
+    Example {
+        name: "Heart",
+        text: include_str!("../examples/heart.toml"),
+        files: &[
+            ("heart.nrrd", include_bytes!("../../data/heart.nrrd")),
+            ("heart.json", include_bytes!("../../data/heart.json")),
+        ],
+    },
+    Example {
+        name: "Head",
+        text: include_str!("../examples/head.toml"),
+        files: &[
+            ("head_ct.mha", include_bytes!("../../data/head_ct.mha")),
+            ("head_ct.json", include_bytes!("../../data/head_ct.json")),
+        ],
+    },
+    Example {
+        name: "Foot",
+        text: include_str!("../examples/foot.toml"),
+        files: &[LIMB],
+    },
+    Example {
+        name: "Breast with a lump",
+        text: include_str!("../examples/breast.toml"),
+        files: &[],
+    },
+];
+
+impl Example {
+    /// The one of this name, or whose first word it is, in whatever case.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with the names there are.
+    pub fn named(name: &str) -> Result<&'static Example> {
+        let called = |e: &&Example| {
+            let first = e.name.split(' ').next().unwrap_or_default();
+            [e.name, first].iter().any(|n| n.eq_ignore_ascii_case(name))
+        };
+        let found = EXAMPLES.iter().find(called);
+        found.ok_or_else(|| {
+            let all: Vec<String> = EXAMPLES.iter().map(|e| e.name.to_lowercase()).collect();
+            Error::Input(format!(
+                "there is no example \"{name}\"; there are {}",
+                all.join(", ")
+            ))
+        })
+    }
+
+    /// Opens it; its files are put into a folder for temporary ones.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where that cannot be written.
+    pub fn open(&self) -> Result<Document> {
+        let folder =
+            std::env::temp_dir().join(concat!("palpate-examples-", env!("CARGO_PKG_VERSION")));
+        std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        for (name, bytes) in self.files {
+            let file = folder.join(name);
+            if std::fs::metadata(&file).map_or(0, |m| m.len()) != bytes.len() as u64 {
+                atomic_write(&file, |out| out.write_all(bytes).map_err(Error::io(&file)))?;
+            }
+        }
+        Document::new(self.name.to_owned(), folder, self.text)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_of_them_are_scenes_whose_files_are_there() {
+        for example in EXAMPLES {
+            let scene = example.open().unwrap().scene().unwrap();
+            assert!(
+                scene.mesh.load().unwrap().tets.len() > 3000,
+                "{}",
+                example.name
+            );
+        }
+        assert!(Example::named("knee").is_ok());
+        let Err(wrong) = Example::named("nose") else {
+            panic!("there is no nose");
+        };
+        assert!(wrong.to_string().contains("breast with a lump"), "{wrong}");
+    }
+}

@@ -1,0 +1,463 @@
+//! What the pointer does in the picture: it moves the view, or touches the body.
+
+use crate::app::App;
+use crate::settings::Habit;
+use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
+use glam::{DVec2, DVec3};
+use palpate::Result;
+use palpate::mesh::{Blade, Location};
+use palpate::render::{Camera, Pick};
+
+/// What the left button does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Hand {
+    /// Goes round the body.
+    #[default]
+    Look,
+    /// Presses a finger in.
+    Press,
+    /// Takes hold and pulls.
+    Grab,
+    /// Cuts along a stroke.
+    Cut,
+    /// Holds what it is drawn over.
+    Pin,
+    /// Tells what is there.
+    Probe,
+    /// Measures from point to point.
+    Ruler,
+}
+
+impl Hand {
+    /// All of them: what they are called, the key that takes them, and what to do with them.
+    pub const ALL: [(Hand, &'static str, egui::Key, &'static str); 7] = [
+        (
+            Hand::Look,
+            "Look",
+            egui::Key::Num1,
+            "Drag to go round the body",
+        ),
+        (
+            Hand::Press,
+            "Press",
+            egui::Key::Num2,
+            "Press on the body and drag away from there, or turn the wheel, to go deeper",
+        ),
+        (
+            Hand::Grab,
+            "Grab",
+            egui::Key::Num3,
+            "Take hold of the body and pull",
+        ),
+        (
+            Hand::Cut,
+            "Cut",
+            egui::Key::Num4,
+            "Draw a stroke across the body, beginning on it",
+        ),
+        (
+            Hand::Pin,
+            "Pin",
+            egui::Key::Num5,
+            "Paint what is to stay where it is",
+        ),
+        (
+            Hand::Probe,
+            "Probe",
+            egui::Key::Num6,
+            "Click on the body to be told what is there",
+        ),
+        (
+            Hand::Ruler,
+            "Ruler",
+            egui::Key::Num7,
+            "Drag from one point of the body to another",
+        ),
+    ];
+}
+
+/// What the pointer is doing.
+#[derive(Clone, Debug, Default)]
+pub enum Stroke {
+    /// Nothing.
+    #[default]
+    Idle,
+    /// Moves the view.
+    View(Move),
+    /// Presses, from where and how deep the wheel went, in file units.
+    Press(Pos2, f64),
+    /// Pulls, from where; file units a point of the interface.
+    Grab(Pos2, f64),
+    /// Cuts what is so far from the eye.
+    Cut(Vec<Pos2>, DVec3),
+    /// Holds.
+    Pin,
+    /// Measures.
+    Ruler,
+}
+
+/// How the view moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Move {
+    /// Round the body.
+    Orbit,
+    /// Across.
+    Pan,
+    /// Nearer.
+    Zoom,
+    /// About the line of sight.
+    Roll,
+}
+
+/// How a button moves the view.
+fn move_of(habit: Habit, button: PointerButton, held: Modifiers) -> Option<Move> {
+    Some(match (habit, button) {
+        (Habit::ParaView, PointerButton::Primary) if held.shift => Move::Roll,
+        (Habit::Slicer, PointerButton::Primary) if held.shift => Move::Pan,
+        (Habit::ParaView, PointerButton::Primary) if held.command => Move::Zoom,
+        (Habit::Slicer, PointerButton::Primary) if held.command => Move::Roll,
+        (_, PointerButton::Primary) => Move::Orbit,
+        (_, PointerButton::Middle) => Move::Pan,
+        (_, PointerButton::Secondary) => Move::Zoom,
+        _ => return None,
+    })
+}
+
+/// The picture within the window.
+#[derive(Clone, Copy, Debug)]
+pub struct Area {
+    /// Where it is, in points.
+    pub rect: Rect,
+    /// Its pixels.
+    pub size: [u32; 2],
+}
+
+impl Area {
+    /// The pixel at a point of the interface.
+    fn pixel(&self, at: Pos2) -> DVec2 {
+        let share = (at - self.rect.min) / self.rect.size();
+        DVec2::new(f64::from(share.x), f64::from(share.y))
+            * DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
+    }
+
+    /// Where a place is seen, if it is before the eye.
+    pub fn seen(&self, camera: &Camera, place: DVec3) -> Option<Pos2> {
+        let middle = camera.ray(0.5 * DVec2::from(self.size.map(f64::from)), self.size);
+        let away = (place - middle.origin).dot(middle.direction);
+        if away <= 0.0 {
+            return None;
+        }
+        // The camera's plane at that distance is spanned by the rays through three points of it.
+        let at = |x: f64, y: f64| {
+            let ray = camera.ray(DVec2::new(x, y), self.size);
+            let deep = (ray.origin - middle.origin).dot(middle.direction);
+            ray.origin + ray.direction * ((away - deep) / ray.direction.dot(middle.direction))
+        };
+        let [width, height] = self.size.map(f64::from);
+        let (corner, right, down) = (at(0.0, 0.0), at(width, 0.0), at(0.0, height));
+        let (u, v) = (right - corner, down - corner);
+        let q = place - corner;
+        let share = egui::vec2(
+            (q.dot(u) / u.length_squared()) as f32,
+            (q.dot(v) / v.length_squared()) as f32,
+        );
+        Some(self.rect.min + share * self.rect.size())
+    }
+}
+
+impl App {
+    /// Does what the pointer does in the picture.
+    pub(crate) fn hand(&mut self, ui: &egui::Ui, response: &Response, area: Area) {
+        let (held, scroll, zoom, turned) = ui.input(|i| {
+            (
+                i.modifiers,
+                i.smooth_scroll_delta().y,
+                i.zoom_delta(),
+                i.multi_touch()
+                    .map(|t| (t.translation_delta, t.rotation_delta)),
+            )
+        });
+        let height = f64::from(area.rect.height().max(1.0));
+        if response.hovered() || response.dragged() {
+            if let (Stroke::Press(_, wheel), Some(show)) = (&mut self.stroke, &self.show)
+                && scroll != 0.0
+            {
+                *wheel += 0.004 * f64::from(scroll) * show.radius;
+            } else if scroll != 0.0 {
+                self.orbit.zoom((0.002 * f64::from(scroll)).exp());
+            }
+            if zoom != 1.0 {
+                self.orbit.zoom(f64::from(zoom));
+            }
+            if let Some((moved, angle)) = turned {
+                self.orbit
+                    .pan(DVec2::new(f64::from(moved.x), f64::from(moved.y)) / height);
+                self.orbit.roll(-f64::from(angle));
+            }
+        }
+        let Some(at) = response.interact_pointer_pos() else {
+            self.let_go();
+            return;
+        };
+        let begun = [
+            PointerButton::Primary,
+            PointerButton::Middle,
+            PointerButton::Secondary,
+        ]
+        .into_iter()
+        .find(|b| ui.input(|i| i.pointer.button_pressed(*b)));
+        if let Some(button) = begun
+            && matches!(self.stroke, Stroke::Idle)
+        {
+            let touches = button == PointerButton::Primary
+                && self.hand != Hand::Look
+                && !held.shift
+                && !held.command;
+            let result = match touches {
+                true => self.touch(at, area),
+                false => {
+                    let moves = move_of(self.settings.habit, button, held);
+                    self.stroke = moves.map_or(Stroke::Idle, Stroke::View);
+                    Ok(())
+                }
+            };
+            self.tell_error(result);
+        }
+        if response.drag_delta() != egui::Vec2::ZERO || scroll != 0.0 {
+            let moved = response.drag_delta();
+            let moved = DVec2::new(f64::from(moved.x), f64::from(moved.y)) / height;
+            let result = self.draw_on(at, moved, area);
+            self.tell_error(result);
+        }
+        if ui.input(|i| i.pointer.any_released()) {
+            self.let_go();
+        }
+    }
+
+    /// What is seen at a point of the picture, and which way one looks there.
+    fn picked(&mut self, at: Pos2, area: Area) -> Result<Option<(Pick, DVec3)>> {
+        let (camera, pixel) = (self.orbit.camera(), area.pixel(at));
+        let Some(show) = &mut self.show else {
+            return Ok(None);
+        };
+        let sight = camera.ray(pixel, area.size).direction;
+        let pick = show.pick(&camera, pixel, area.size)?;
+        Ok(pick.map(|pick| (pick, sight)))
+    }
+
+    /// Begins to touch what is at a point of the picture; beside the body the view goes round.
+    fn touch(&mut self, at: Pos2, area: Area) -> Result<()> {
+        let Some((pick, sight)) = self.picked(at, area)? else {
+            self.stroke = Stroke::View(Move::Orbit);
+            return Ok(());
+        };
+        let eye = self.orbit.camera().eye;
+        let back = self.orbit.turn * DVec3::Z;
+        let away = match self.orbit.orthographic {
+            true => 1.0,
+            false => (eye - pick.point).dot(back) / self.orbit.distance,
+        };
+        let point = self.orbit.height() * away / f64::from(area.rect.height().max(1.0));
+        let Some(show) = &mut self.show else {
+            return Ok(());
+        };
+        match self.hand {
+            Hand::Look => {}
+            Hand::Press => {
+                show.press(&pick, sight)?;
+                self.stroke = Stroke::Press(at, 0.0);
+            }
+            Hand::Grab => {
+                show.grab(&pick)?;
+                self.stroke = Stroke::Grab(at, point);
+            }
+            Hand::Cut => self.stroke = Stroke::Cut(vec![at], pick.point),
+            Hand::Pin => {
+                let count = show.pin(&pick)?;
+                self.say(format!("{count} nodes held"));
+                self.stroke = Stroke::Pin;
+            }
+            Hand::Probe => self.probe(&pick),
+            Hand::Ruler => {
+                self.ruler = Some([pick.point; 2]);
+                self.stroke = Stroke::Ruler;
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes on with what was begun: the pointer is at a point, and moved by parts of the height.
+    fn draw_on(&mut self, at: Pos2, moved: DVec2, area: Area) -> Result<()> {
+        match &mut self.stroke {
+            Stroke::Idle => {}
+            Stroke::View(Move::Orbit) => self.orbit.orbit(moved),
+            Stroke::View(Move::Pan) => self.orbit.pan(moved),
+            Stroke::View(Move::Zoom) => self.orbit.zoom((-3.0 * moved.y).exp()),
+            Stroke::View(Move::Roll) => self.orbit.roll(3.0 * (moved.y - moved.x)),
+            Stroke::Press(from, wheel) => {
+                let point = self.orbit.height() / f64::from(area.rect.height().max(1.0));
+                let depth = f64::from(from.distance(at)) * point + *wheel;
+                if let Some(show) = &mut self.show {
+                    show.press_to(depth);
+                }
+            }
+            Stroke::Grab(from, point) => {
+                let (way, point) = (at - *from, *point);
+                let aside = DVec3::new(f64::from(way.x), -f64::from(way.y), 0.0) * point;
+                let aside = self.orbit.turn * aside;
+                if let Some(show) = &mut self.show {
+                    show.pull(aside)?;
+                }
+            }
+            Stroke::Cut(way, _) => {
+                if way.last().is_none_or(|last| last.distance(at) > 4.0) {
+                    way.push(at);
+                }
+            }
+            Stroke::Pin => {
+                if let Some((pick, _)) = self.picked(at, area)?
+                    && let Some(show) = &mut self.show
+                {
+                    show.pin(&pick)?;
+                }
+            }
+            Stroke::Ruler => {
+                if let Some((pick, _)) = self.picked(at, area)?
+                    && let Some([_, end]) = &mut self.ruler
+                {
+                    *end = pick.point;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends what was begun.
+    pub(crate) fn let_go(&mut self) {
+        let stroke = std::mem::take(&mut self.stroke);
+        let result = match stroke {
+            Stroke::Press(..) => {
+                if let Some(show) = &mut self.show {
+                    show.let_go();
+                }
+                Ok(())
+            }
+            Stroke::Grab(..) => self.show.as_mut().map_or(Ok(()), |show| show.release()),
+            Stroke::Cut(way, place) => self.cut(&way, place),
+            _ => Ok(()),
+        };
+        self.tell_error(result);
+    }
+
+    /// Cuts along a stroke, as deep as is asked for from the surface that was seen where it began.
+    fn cut(&mut self, way: &[Pos2], place: DVec3) -> Result<()> {
+        let (Some(area), Some(show)) = (self.area, &mut self.show) else {
+            return Ok(());
+        };
+        if way.len() < 2 {
+            return Ok(());
+        }
+        let camera = self.orbit.camera();
+        let back = self.orbit.turn * DVec3::Z;
+        let (above, below) = (show.radius, self.cut_depth * show.diagonal());
+        let edges: Vec<[DVec3; 2]> = way
+            .iter()
+            .map(|at| {
+                let ray = camera.ray(area.pixel(*at), area.size);
+                let along = (place - ray.origin).dot(back) / ray.direction.dot(back);
+                let on = ray.origin + along * ray.direction;
+                [on - above * ray.direction, on + below * ray.direction]
+            })
+            .collect();
+        let said = match show.cut(&Blade::swept(&edges)?)? {
+            true => format!("cut; {} tets now", show.stage().mesh().tets.len()),
+            false => "the stroke cut nothing".into(),
+        };
+        self.say(said);
+        Ok(())
+    }
+
+    /// Says what is where a pick is.
+    fn probe(&mut self, pick: &Pick) {
+        let Some(show) = &self.show else { return };
+        let (stage, mesh) = (show.stage(), show.stage().mesh());
+        let field = stage.scalar_field();
+        let at = |values: &[f64]| {
+            let parts = pick.nodes.iter().zip(pick.weights);
+            parts
+                .map(|(v, w)| w * values.get(*v as usize).copied().unwrap_or(f64::NAN))
+                .sum::<f64>()
+        };
+        let value = match &field.cells {
+            Some(cells) => cells.get(pick.tet as usize).copied().unwrap_or(f64::NAN),
+            None => at(&field.values),
+        };
+        let rest: DVec3 = pick
+            .nodes
+            .iter()
+            .zip(pick.weights)
+            .filter_map(|(v, w)| mesh.nodes.get(*v as usize).map(|p| w * *p))
+            .sum();
+        let label = mesh
+            .region_field()
+            .filter(|f| f.location == Location::Cell)
+            .and_then(|f| f.values.get(pick.tet as usize))
+            .map(|label| {
+                let name = mesh.region_names.get(&(*label as i64));
+                name.cloned().unwrap_or_else(|| format!("region {label}"))
+            });
+        let p = pick.point;
+        let mm = 1e3 * show.unit * (pick.point - rest).length();
+        self.say(format!(
+            "{}{} {value:.4}, moved {mm:.2} mm, at {:.4}, {:.4}, {:.4}, tet {}",
+            label.map_or(String::new(), |l| format!("{l}: ")),
+            field.name,
+            p.x,
+            p.y,
+            p.z,
+            pick.tet
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_seen_where_their_rays_are() {
+        let area = Area {
+            rect: Rect::from_min_size(Pos2::new(100.0, 50.0), egui::vec2(400.0, 300.0)),
+            size: [800, 600],
+        };
+        let (eye, to) = (DVec3::new(1.0, -5.0, 2.0), DVec3::new(0.2, 0.1, 0.0));
+        for camera in [
+            Camera::perspective(eye, to, DVec3::Z, 35.0),
+            Camera::orthographic(eye, to, DVec3::Z, 3.0),
+        ] {
+            for at in [Pos2::new(120.0, 60.0), Pos2::new(333.0, 290.0)] {
+                let ray = camera.ray(area.pixel(at), area.size);
+                let place = ray.origin + 4.0 * ray.direction;
+                let seen = area.seen(&camera, place);
+                assert!(
+                    seen.is_some_and(|seen| seen.distance(at) < 0.01),
+                    "{seen:?}"
+                );
+            }
+            assert!(area.seen(&camera, eye - (to - eye)).is_none());
+        }
+    }
+
+    #[test]
+    fn habits_are_those_of_other_programs() {
+        let left = |habit, held| move_of(habit, PointerButton::Primary, held);
+        let none = Modifiers::NONE;
+        assert_eq!(left(Habit::ParaView, none), Some(Move::Orbit));
+        assert_eq!(left(Habit::Slicer, Modifiers::SHIFT), Some(Move::Pan));
+        assert_eq!(left(Habit::ParaView, Modifiers::SHIFT), Some(Move::Roll));
+        assert_eq!(
+            move_of(Habit::Slicer, PointerButton::Middle, none),
+            Some(Move::Pan)
+        );
+    }
+}

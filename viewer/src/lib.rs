@@ -1,0 +1,23 @@
+//! The viewer: a body in a window, to be pressed on, pulled at, cut and looked into.
+//!
+//! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`show`]),
+//! which the engine on the CPU steps on a thread of its own while the interface ([`app`]) draws it
+//! ([`screen`]) into its own frame, on one device. Who edits the scene edits its text, so that all of
+//! it can be undone and saved; the body follows.
+
+pub mod app;
+mod ask;
+pub mod document;
+pub mod examples;
+mod hand;
+mod histogram;
+pub mod loading;
+pub mod log;
+mod menu;
+pub mod orbit;
+mod panels;
+pub mod screen;
+pub mod settings;
+pub mod show;
+
+pub use app::{Options, run};

@@ -1,0 +1,352 @@
+//! Menus, keys, the tools at the left and the line at the bottom.
+
+use crate::app::App;
+use crate::ask::{Ask, Saved};
+use crate::examples::EXAMPLES;
+use crate::hand::Hand;
+use crate::orbit::Side;
+use crate::settings::{Habit, Theme};
+use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
+use glam::DVec2;
+use std::f64::consts::PI;
+
+/// By how much a key turns the view, in parts of the picture's height, and moves it.
+const TURN: f64 = 1.0 / 12.0;
+const MOVE: f64 = 0.05;
+/// How fast time may go by.
+const SPEEDS: [f64; 5] = [0.1, 0.25, 0.5, 1.0, 2.0];
+
+const OPEN: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::O);
+const OPEN_PATH: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::L);
+const SAVE_PICTURE: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::P);
+const SAVE_SCENE: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::S);
+const UNDO: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::Z);
+const REDO: KeyboardShortcut =
+    KeyboardShortcut::new(Modifiers::COMMAND.plus(Modifiers::SHIFT), Key::Z);
+const RESTART: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::R);
+
+impl App {
+    /// Does what keys do, unless something is typed.
+    pub(crate) fn keys(&mut self, context: &egui::Context) {
+        let pressed =
+            |shortcut: &KeyboardShortcut| context.input_mut(|i| i.consume_shortcut(shortcut));
+        if pressed(&REDO) {
+            self.undo(true, context);
+        }
+        if pressed(&UNDO) {
+            self.undo(false, context);
+        }
+        if pressed(&OPEN) {
+            self.choose_file(context);
+        }
+        if pressed(&OPEN_PATH) {
+            self.ask = Some(Ask::open());
+        }
+        if pressed(&SAVE_PICTURE) {
+            self.ask_place(Saved::Picture);
+        }
+        if pressed(&SAVE_SCENE) {
+            self.ask_place(Saved::Scene);
+        }
+        if pressed(&RESTART) {
+            self.restart(None, context);
+        }
+        if context.memory(|m| m.focused().is_some()) {
+            return;
+        }
+        let shift = context.input(|i| i.modifiers.shift);
+        let hit = |key: Key| context.input(|i| i.key_pressed(key));
+        for (hand, _, key, _) in Hand::ALL {
+            if hit(key) {
+                self.hand = hand;
+            }
+        }
+        let sides = [Key::R, Key::L, Key::A, Key::P, Key::S, Key::I];
+        for (key, (side, _, _)) in sides.into_iter().zip(Side::ALL) {
+            if hit(key) && context.input(|i| i.modifiers.is_none()) {
+                self.orbit.look_from(side);
+            }
+        }
+        let ways = [
+            (Key::ArrowLeft, DVec2::NEG_X),
+            (Key::ArrowRight, DVec2::X),
+            (Key::ArrowUp, DVec2::NEG_Y),
+            (Key::ArrowDown, DVec2::Y),
+        ];
+        for (key, way) in ways {
+            match (hit(key), shift) {
+                (true, false) => self.orbit.orbit(TURN * way),
+                (true, true) => self.orbit.pan(MOVE * way),
+                _ => {}
+            }
+        }
+        let near = [
+            (Key::Plus, 1.15),
+            (Key::Equals, 1.15),
+            (Key::Minus, 1.0 / 1.15),
+        ];
+        for (key, factor) in near {
+            if hit(key) {
+                self.orbit.zoom(factor);
+            }
+        }
+        for (key, forward) in [(Key::PageUp, MOVE), (Key::PageDown, -MOVE)] {
+            if hit(key) {
+                self.orbit.fly(forward, 0.0);
+            }
+        }
+        for (key, angle) in [
+            (Key::OpenBracket, PI / 24.0),
+            (Key::CloseBracket, -PI / 24.0),
+        ] {
+            if hit(key) {
+                self.orbit.roll(angle);
+            }
+        }
+        if hit(Key::F) || hit(Key::Home) {
+            self.fit();
+        }
+        if hit(Key::O) {
+            self.orbit.orthographic = !self.orbit.orthographic;
+        }
+        if hit(Key::Space) {
+            self.play(None);
+        }
+        if hit(Key::Period) {
+            self.step();
+        }
+        if hit(Key::Escape) {
+            self.let_go();
+            self.ruler = None;
+            self.hand = Hand::Look;
+        }
+    }
+
+    /// Has time go by, or not; the other way round where nothing is said.
+    fn play(&mut self, playing: Option<bool>) {
+        if let Some(show) = &mut self.show {
+            show.playing = playing.unwrap_or(!show.playing);
+        }
+    }
+
+    /// One step, and no more.
+    fn step(&mut self) {
+        let Some(show) = &mut self.show else { return };
+        show.playing = false;
+        let result = match show.stage_mut().under_way() {
+            Ok(true) => Ok(()),
+            Ok(false) => show.step(),
+            Err(why) => Err(why),
+        };
+        self.tell_error(result);
+    }
+
+    /// The menus.
+    pub(crate) fn menu(&mut self, ui: &mut egui::Ui) {
+        let context = ui.ctx().clone();
+        egui::MenuBar::new().ui(ui, |ui| {
+            ui.menu_button("File", |ui| self.menu_file(ui, &context));
+            ui.menu_button("Edit", |ui| {
+                let [undo, redo] = self.document.as_ref().map_or([false; 2], |d| d.can());
+                if item(ui, undo, "Undo", Some(&UNDO)) {
+                    self.undo(false, &context);
+                }
+                if item(ui, redo, "Redo", Some(&REDO)) {
+                    self.undo(true, &context);
+                }
+                ui.separator();
+                if item(
+                    ui,
+                    self.show.is_some(),
+                    "Body back to rest, whole",
+                    Some(&RESTART),
+                ) {
+                    self.restart(None, &context);
+                }
+            });
+            ui.menu_button("View", |ui| self.menu_view(ui, &context));
+            ui.menu_button("Help", |ui| {
+                ui.label("Drag to go round the body, turn the wheel to come nearer.");
+                for (_, name, key, help) in Hand::ALL {
+                    ui.label(format!("{}  {name}: {help}", key.name()));
+                }
+                ui.label("Space: play and pause   .: one step   F: fit   O: parallel rays");
+                ui.label("R L A P S I: sides   arrows: turn   Shift and arrows: move");
+                ui.label("+ and -: nearer and farther   PgUp and PgDn: fly   [ and ]: roll");
+            });
+        });
+        self.show_ask(&context);
+    }
+
+    fn menu_file(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
+        if item(ui, true, "Open…", Some(&OPEN)) {
+            self.choose_file(context);
+        }
+        if item(ui, true, "Open path…", Some(&OPEN_PATH)) {
+            self.ask = Some(Ask::open());
+        }
+        ui.menu_button("Open recent", |ui| {
+            let recent = self.settings.recent.clone();
+            if recent.is_empty() {
+                ui.label("Nothing was opened yet");
+            }
+            for file in recent {
+                let name = file
+                    .file_name()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .into_owned();
+                if ui
+                    .button(name)
+                    .on_hover_text(file.display().to_string())
+                    .clicked()
+                {
+                    self.open(&file, context);
+                    ui.close();
+                }
+            }
+        });
+        ui.menu_button("Examples", |ui| {
+            for example in EXAMPLES {
+                if item(ui, true, example.name, None) {
+                    self.open_example(example, context);
+                }
+            }
+        });
+        ui.separator();
+        let open = self.show.is_some();
+        if item(ui, open, "Save picture…", Some(&SAVE_PICTURE)) {
+            self.ask_place(Saved::Picture);
+        }
+        if item(ui, open, "Save scene…", Some(&SAVE_SCENE)) {
+            self.ask_place(Saved::Scene);
+        }
+        if item(ui, open, "Save body as it is…", None) {
+            self.ask_place(Saved::Mesh);
+        }
+        ui.separator();
+        if item(ui, true, "Quit", None) {
+            context.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+    }
+
+    fn menu_view(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
+        if item(ui, true, "Fit (F)", None) {
+            self.fit();
+        }
+        for (side, letter, name) in Side::ALL {
+            if item(ui, true, &format!("{name} ({letter})"), None) {
+                self.orbit.look_from(side);
+            }
+        }
+        ui.checkbox(&mut self.orbit.orthographic, "Parallel rays (O)");
+        ui.separator();
+        let before = self.settings.clone();
+        ui.label("Mouse as in");
+        ui.radio_value(&mut self.settings.habit, Habit::ParaView, "ParaView");
+        ui.radio_value(&mut self.settings.habit, Habit::Slicer, "3D Slicer");
+        ui.separator();
+        ui.radio_value(&mut self.settings.theme, Theme::Dark, "Dark");
+        ui.radio_value(&mut self.settings.theme, Theme::Light, "Light");
+        ui.radio_value(
+            &mut self.settings.theme,
+            Theme::System,
+            "As the system has it",
+        );
+        if self.settings != before {
+            self.wear_theme(context);
+            self.settings.write();
+        }
+    }
+
+    /// The tools at the left.
+    pub(crate) fn hands(&mut self, ui: &mut egui::Ui) {
+        ui.add_space(4.0);
+        for (hand, name, key, help) in Hand::ALL {
+            let help = format!("{help} ({})", key.name());
+            ui.selectable_value(&mut self.hand, hand, name)
+                .on_hover_text(help);
+        }
+        ui.separator();
+        for (side, letter, name) in Side::ALL {
+            if ui
+                .button(letter)
+                .on_hover_text(format!("Look from: {name}"))
+                .clicked()
+            {
+                self.orbit.look_from(side);
+            }
+        }
+        if ui
+            .button("Fit")
+            .on_hover_text("Show all of the body (F)")
+            .clicked()
+        {
+            self.fit();
+        }
+    }
+
+    /// The line at the bottom.
+    pub(crate) fn status(&mut self, ui: &mut egui::Ui) {
+        let context = ui.ctx().clone();
+        let rate = self.rate();
+        ui.horizontal(|ui| {
+            if let Some(show) = &mut self.show {
+                let moves = show.stage().motion().is_some();
+                let play = if show.playing { "Pause" } else { "Play" };
+                if ui.add_enabled(moves, egui::Button::new(play)).clicked() {
+                    show.playing = !show.playing;
+                }
+                let step = ui.add_enabled(moves, egui::Button::new("Step")).clicked();
+                let rest = ui.add_enabled(moves, egui::Button::new("Reset")).clicked();
+                egui::ComboBox::from_id_salt("speed")
+                    .selected_text(format!("{} × real time", show.speed))
+                    .width(100.0)
+                    .show_ui(ui, |ui| {
+                        for speed in SPEEDS {
+                            ui.selectable_value(&mut show.speed, speed, format!("{speed} ×"));
+                        }
+                    });
+                let asleep = show.stage().motion().is_some_and(|m| m.asleep());
+                ui.separator();
+                ui.label(format!("{:.2} s", show.stage().time()));
+                ui.separator();
+                let steps = match (show.playing && moves, asleep) {
+                    (_, true) => "at rest".to_owned(),
+                    _ => format!("{:.0} steps/s", show.rate),
+                };
+                ui.label(format!(
+                    "{} tets  {steps}  {rate:.0} pictures/s",
+                    show.stage().mesh().tets.len()
+                ));
+                if step {
+                    self.step();
+                }
+                if rest {
+                    self.restart(None, &context);
+                }
+            }
+            ui.separator();
+            let (said, wrong) = &self.said;
+            let text = match wrong {
+                true => egui::RichText::new(said).color(ui.visuals().error_fg_color),
+                false => egui::RichText::new(said),
+            };
+            ui.add(egui::Label::new(text).truncate())
+                .on_hover_text(said);
+        });
+    }
+}
+
+/// An entry of a menu. Whether it was chosen.
+fn item(ui: &mut egui::Ui, enabled: bool, name: &str, shortcut: Option<&KeyboardShortcut>) -> bool {
+    let mut button = egui::Button::new(name);
+    if let Some(shortcut) = shortcut {
+        button = button.shortcut_text(ui.ctx().format_shortcut(shortcut));
+    }
+    let chosen = ui.add_enabled(enabled, button).clicked();
+    if chosen {
+        ui.close();
+    }
+    chosen
+}

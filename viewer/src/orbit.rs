@@ -1,0 +1,282 @@
+//! The view: an eye that goes round a point.
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use palpate::render::{Camera, Projection};
+
+/// Radians that the eye goes round in the time the pointer crosses the picture.
+const ROUND: f64 = std::f64::consts::PI;
+/// The nearest that the eye comes to the point it looks at, over the size of the body.
+const NEAREST: f64 = 1e-3;
+/// The farthest.
+const FARTHEST: f64 = 100.0;
+/// The part of the picture's height that a body fills.
+const FILLED: f64 = 0.9;
+
+/// A standard view, named by where the eye is: right, left, anterior, posterior, superior, inferior.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Side {
+    Right,
+    Left,
+    Anterior,
+    Posterior,
+    Superior,
+    Inferior,
+}
+
+impl Side {
+    /// All of them, and what they are called.
+    pub const ALL: [(Side, &'static str, &'static str); 6] = [
+        (Side::Right, "R", "Right"),
+        (Side::Left, "L", "Left"),
+        (Side::Anterior, "A", "Anterior (front)"),
+        (Side::Posterior, "P", "Posterior (back)"),
+        (Side::Superior, "S", "Superior (top)"),
+        (Side::Inferior, "I", "Inferior (bottom)"),
+    ];
+
+    /// Towards the eye, and what is up there, in RAS.
+    fn axes(self) -> [DVec3; 2] {
+        match self {
+            Side::Right => [DVec3::X, DVec3::Z],
+            Side::Left => [DVec3::NEG_X, DVec3::Z],
+            Side::Anterior => [DVec3::Y, DVec3::Z],
+            Side::Posterior => [DVec3::NEG_Y, DVec3::Z],
+            Side::Superior => [DVec3::Z, DVec3::Y],
+            Side::Inferior => [DVec3::NEG_Z, DVec3::Y],
+        }
+    }
+}
+
+/// A camera that goes round the point it looks at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Orbit {
+    /// What it looks at, in file units.
+    pub focus: DVec3,
+    /// Its axes: right, up, and towards the eye.
+    pub turn: DQuat,
+    /// From the focus to the eye, in file units.
+    pub distance: f64,
+    /// Vertical opening angle, in degrees.
+    pub fov: f64,
+    /// Whether it looks in parallel rays, with the same height of the view at the focus.
+    pub orthographic: bool,
+    /// The size of what is looked at, in file units.
+    size: f64,
+}
+
+impl Orbit {
+    /// The view of `camera` of a body of `size`, its bounds' diagonal.
+    pub fn of(camera: &Camera, size: f64) -> Orbit {
+        let back = (camera.eye - camera.look_at).normalize_or(DVec3::Z);
+        let mut distance = camera.eye.distance(camera.look_at);
+        let (fov, orthographic) = match camera.projection {
+            Projection::Perspective { fov } => (fov, false),
+            Projection::Orthographic { height } => {
+                distance = height / (2.0 * half_slope(30.0));
+                (30.0, true)
+            }
+        };
+        Orbit {
+            focus: camera.look_at,
+            turn: turn_of(back, camera.up),
+            distance,
+            fov,
+            orthographic,
+            size: size.max(f64::MIN_POSITIVE),
+        }
+    }
+
+    /// As a camera.
+    pub fn camera(&self) -> Camera {
+        let eye = self.focus + self.turn * DVec3::Z * self.distance;
+        let up = self.turn * DVec3::Y;
+        match self.orthographic {
+            false => Camera::perspective(eye, self.focus, up, self.fov),
+            true => {
+                // Of parallel rays the body is before the eye, however near that is.
+                let eye = self.focus + self.turn * DVec3::Z * (self.distance + 4.0 * self.size);
+                Camera::orthographic(eye, self.focus, up, self.height())
+            }
+        }
+    }
+
+    /// Height of the view at the focus, in file units.
+    pub fn height(&self) -> f64 {
+        2.0 * self.distance * half_slope(self.fov)
+    }
+
+    /// Goes round by what the pointer went, in parts of the picture's height: to the right, and down.
+    pub fn orbit(&mut self, moved: DVec2) {
+        let aside = DQuat::from_axis_angle(DVec3::Y, -ROUND * moved.x);
+        let over = DQuat::from_axis_angle(DVec3::X, -ROUND * moved.y);
+        self.turn = (self.turn * aside * over).normalize();
+    }
+
+    /// Turns the picture, counter-clockwise, by an angle in radians.
+    pub fn roll(&mut self, angle: f64) {
+        self.turn = (self.turn * DQuat::from_axis_angle(DVec3::Z, -angle)).normalize();
+    }
+
+    /// Has what is seen follow the pointer, which went so many parts of the picture's height.
+    pub fn pan(&mut self, moved: DVec2) {
+        let across = DVec3::new(-moved.x, moved.y, 0.0) * self.height();
+        self.focus += self.turn * across;
+    }
+
+    /// Comes nearer: twice as near by 2.
+    pub fn zoom(&mut self, factor: f64) {
+        let distance = self.distance / factor.clamp(0.01, 100.0);
+        self.distance = distance.clamp(NEAREST * self.size, FARTHEST * self.size);
+    }
+
+    /// Flies by `forward` and `aside`, in parts of the body's size.
+    pub fn fly(&mut self, forward: f64, aside: f64) {
+        self.focus += self.turn * DVec3::new(aside, 0.0, -forward) * self.size;
+    }
+
+    /// Looks from a side at the same point, from as far away.
+    pub fn look_from(&mut self, side: Side) {
+        let [back, up] = side.axes();
+        self.turn = turn_of(back, up);
+    }
+
+    /// Has all that lies between `low` and `high` in a picture that is `aspect` times as wide as high.
+    pub fn fit(&mut self, (low, high): (DVec3, DVec3), aspect: f64) {
+        self.focus = 0.5 * (low + high);
+        self.size = low.distance(high).max(f64::MIN_POSITIVE);
+        let slope = half_slope(self.fov) * FILLED;
+        let axes = DMat3::from_quat(self.turn).transpose();
+        let corners = (0..8).map(|k| {
+            let pick = |axis: usize| [low, high][k >> axis & 1][axis];
+            axes * (DVec3::new(pick(0), pick(1), pick(2)) - self.focus)
+        });
+        let needed = corners.map(|q| {
+            let aside = q.y.abs().max(q.x.abs() / aspect.max(0.01));
+            aside / slope + if self.orthographic { 0.0 } else { q.z }
+        });
+        self.distance = needed.fold(NEAREST * self.size, f64::max);
+    }
+}
+
+/// Half the height of a view at distance 1.
+fn half_slope(fov: f64) -> f64 {
+    (0.5 * fov.to_radians()).tan()
+}
+
+/// The turn whose third axis is `back`, with `up` upwards as far as may be.
+fn turn_of(back: DVec3, up: DVec3) -> DQuat {
+    let right = up.cross(back).try_normalize();
+    let right = right.unwrap_or_else(|| back.any_orthonormal_vector());
+    DQuat::from_mat3(&DMat3::from_cols(right, back.cross(right), back))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view() -> Orbit {
+        let camera = Camera::perspective(
+            DVec3::new(1.0, -4.0, 2.0),
+            DVec3::new(0.5, 0.0, 0.0),
+            DVec3::Z,
+            30.0,
+        );
+        Orbit::of(&camera, 2.0)
+    }
+
+    #[test]
+    fn a_view_is_that_of_the_camera_it_was_made_of() {
+        let eye = DVec3::new(1.0, -4.0, 2.0);
+        let camera = view().camera();
+        assert!(camera.eye.distance(eye) < 1e-12);
+        assert!(camera.look_at.distance(DVec3::new(0.5, 0.0, 0.0)) < 1e-12);
+        assert!(camera.up.z > 0.8 && camera.up.dot(eye - camera.look_at).abs() < 1e-12);
+    }
+
+    #[test]
+    fn going_round_keeps_the_distance_and_coming_back_the_view() {
+        let mut orbit = view();
+        orbit.orbit(DVec2::new(0.3, 0.0));
+        assert!((orbit.camera().eye.distance(orbit.focus) - view().distance).abs() < 1e-12);
+        assert!(orbit.camera().eye.distance(view().camera().eye) > 0.5);
+        orbit.orbit(DVec2::new(-0.3, 0.0));
+        assert!(orbit.camera().eye.distance(view().camera().eye) < 1e-9);
+        // To the right with the pointer, the eye goes to the left.
+        orbit.orbit(DVec2::new(0.1, 0.0));
+        let right = view().turn * DVec3::X;
+        assert!((orbit.camera().eye - view().camera().eye).dot(right) < 0.0);
+    }
+
+    #[test]
+    fn what_is_seen_follows_the_pointer() {
+        let mut orbit = view();
+        let size = [400, 300];
+        let pixel = DVec2::new(100.0, 200.0);
+        // At the distance of the focus.
+        let seen = |orbit: &Orbit, pixel: DVec2| {
+            let (camera, back) = (orbit.camera(), orbit.turn * DVec3::Z);
+            let ray = camera.ray(pixel, size);
+            ray.origin
+                + ray.direction * ((orbit.focus - ray.origin).dot(back) / ray.direction.dot(back))
+        };
+        for orthographic in [false, true] {
+            orbit.orthographic = orthographic;
+            let before = seen(&orbit, pixel);
+            let went = DVec2::new(37.0, -21.0);
+            orbit.pan(went / 300.0);
+            assert!(seen(&orbit, pixel + went).distance(before) < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_fitted_body_fills_the_picture_and_is_all_in_it() {
+        let (low, high) = (DVec3::new(-3.0, -1.0, 0.0), DVec3::new(5.0, 1.0, 2.0));
+        for (orthographic, size) in [(false, [400, 300]), (true, [300, 400])] {
+            let mut orbit = view();
+            orbit.orthographic = orthographic;
+            orbit.fit((low, high), f64::from(size[0]) / f64::from(size[1]));
+            let camera = orbit.camera();
+            let mut most: f64 = 0.0;
+            for k in 0..8 {
+                let corner = DVec3::new(
+                    [low.x, high.x][k & 1],
+                    [low.y, high.y][k >> 1 & 1],
+                    [low.z, high.z][k >> 2],
+                );
+                let local = orbit.turn.inverse() * (corner - orbit.focus);
+                let deep = if orthographic {
+                    orbit.distance
+                } else {
+                    orbit.distance - local.z
+                };
+                let half = deep * half_slope(orbit.fov);
+                let aspect = f64::from(size[0]) / f64::from(size[1]);
+                most = most
+                    .max(local.y.abs() / half)
+                    .max(local.x.abs() / half / aspect);
+            }
+            assert!((most - FILLED).abs() < 1e-9, "{most}");
+            camera.check().unwrap_or_else(|e| panic!("{e}"));
+        }
+    }
+
+    #[test]
+    fn sides_are_those_of_the_body() {
+        for (side, letter, _) in Side::ALL {
+            let mut orbit = view();
+            orbit.look_from(side);
+            let camera = orbit.camera();
+            let back = (camera.eye - camera.look_at).normalize();
+            let axis = match letter {
+                "R" => DVec3::X,
+                "L" => DVec3::NEG_X,
+                "A" => DVec3::Y,
+                "P" => DVec3::NEG_Y,
+                "S" => DVec3::Z,
+                _ => DVec3::NEG_Z,
+            };
+            assert!(back.distance(axis) < 1e-12, "{letter}");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! The picture within the window: a texture that the interface shows, coarser while something moves.
+
+use crate::show::Show;
+use eframe::egui;
+use eframe::egui_wgpu::RenderState;
+use palpate::Result;
+use palpate::gpu::{Gpu, Recorder};
+use palpate::render::Camera;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// A picture is to be there within this time while something moves.
+const SOON: f64 = 0.05;
+/// Pixels each way of a picture that moves, over those of the window: from fine to coarse.
+const SHARES: [f64; 4] = [1.0, 0.8, 0.64, 0.5];
+/// For so long nothing has moved when it is drawn at full resolution.
+const STILL: Duration = Duration::from_millis(120);
+
+/// What a picture shows.
+#[derive(Clone, Copy, PartialEq)]
+struct Shown {
+    version: u64,
+    camera: Camera,
+    backdrop: [f32; 4],
+    size: [u32; 2],
+}
+
+/// The texture that pictures are drawn into.
+#[derive(Default)]
+pub struct Screen {
+    texture: Option<(wgpu::Texture, wgpu::TextureView, egui::TextureId)>,
+    shown: Option<Shown>,
+    moved: Option<Instant>,
+    /// Which of the shares is drawn while something moves.
+    coarse: usize,
+    /// The last picture that was sent: when, how many pixels; and how long a million of them took.
+    sent: Arc<Mutex<Sent>>,
+    /// Pictures that were drawn.
+    pub pictures: u64,
+}
+
+#[derive(Default)]
+struct Sent {
+    at: Option<(Instant, f64)>,
+    seconds_a_million: Option<f64>,
+}
+
+impl Screen {
+    /// Draws what `show` shows to `camera`, `size` pixels large, if it is another than before. The
+    /// texture it is in, and whether it will be drawn finer.
+    ///
+    /// # Errors
+    /// As [`Show::record`].
+    pub fn draw(
+        &mut self,
+        (gpu, state): (&Gpu, &RenderState),
+        show: &mut Show,
+        (camera, backdrop): (&Camera, [f32; 4]),
+        size: [u32; 2],
+    ) -> Result<(egui::TextureId, bool)> {
+        let now = Instant::now();
+        let wanted = |size| Shown {
+            version: show.version,
+            camera: *camera,
+            backdrop,
+            size,
+        };
+        let differs = |a: &Shown, b: &Shown| {
+            (a.version, a.camera, a.backdrop) != (b.version, b.camera, b.backdrop)
+        };
+        let full = wanted(size);
+        let moves = self
+            .shown
+            .as_ref()
+            .is_none_or(|shown| differs(shown, &full));
+        if moves && self.shown.is_some() {
+            self.moved = Some(now);
+        }
+        let still = self
+            .moved
+            .is_none_or(|moved| now.duration_since(moved) >= STILL);
+        let size = match still {
+            true => size,
+            false => {
+                self.choose(size);
+                size.map(|n| ((f64::from(n) * SHARES[self.coarse]).round() as u32).max(1))
+            }
+        };
+        let next = wanted(size);
+        let finer = self
+            .shown
+            .as_ref()
+            .is_some_and(|shown| shown.size[0] < next.size[0]);
+        let due = moves || self.shown != Some(next) && (still || !finer);
+        if !due && let Some((_, _, id)) = &self.texture {
+            return Ok((*id, self.shown != Some(full)));
+        }
+        let (view, id) = self.target(state, size);
+        let mut encoder = state
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        show.record(
+            &mut Recorder::within(gpu, &mut encoder),
+            camera,
+            (&view, backdrop),
+        )?;
+        state.queue.submit([encoder.finish()]);
+        self.note(state, now, size);
+        self.shown = Some(next);
+        self.pictures += 1;
+        Ok((id, next != full))
+    }
+
+    /// Notes that a picture was sent, and when it is done.
+    fn note(&self, state: &RenderState, now: Instant, size: [u32; 2]) {
+        let millions = 1e-6 * f64::from(size[0]) * f64::from(size[1]);
+        let sent = self.sent.clone();
+        lock(&sent).at = Some((now, millions));
+        state.queue.on_submitted_work_done(move || {
+            let mut sent = lock(&sent);
+            if sent.at == Some((now, millions)) {
+                let seconds = now.elapsed().as_secs_f64() / millions.max(1e-6);
+                let before = sent.seconds_a_million.unwrap_or(seconds);
+                sent.seconds_a_million = Some(0.6 * before + 0.4 * seconds);
+            }
+        });
+    }
+
+    /// Takes the finest of the shares whose picture is there soon.
+    fn choose(&mut self, [width, height]: [u32; 2]) {
+        let Some(seconds) = lock(&self.sent).seconds_a_million else {
+            self.coarse = SHARES.len() - 1;
+            return;
+        };
+        let pixels = 1e-6 * f64::from(width) * f64::from(height);
+        let soon = |share: &f64| seconds * pixels * share * share <= SOON;
+        let best = SHARES.iter().position(soon).unwrap_or(SHARES.len() - 1);
+        // Not to and fro: finer only where there is time to spare.
+        let spare = seconds * pixels * SHARES[best].powi(2) <= 0.7 * SOON;
+        if best > self.coarse || spare {
+            self.coarse = best;
+        }
+    }
+
+    /// The texture of this size.
+    fn target(
+        &mut self,
+        state: &RenderState,
+        size: [u32; 2],
+    ) -> (wgpu::TextureView, egui::TextureId) {
+        if let Some((texture, view, id)) = &self.texture
+            && [texture.width(), texture.height()] == size
+        {
+            return (view.clone(), *id);
+        }
+        let texture = state.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("picture"),
+            size: wgpu::Extent3d {
+                width: size[0],
+                height: size[1],
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba8Unorm,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let mut renderer = state.renderer.write();
+        let linear = wgpu::FilterMode::Linear;
+        let id = match self.texture.take() {
+            Some((_, _, id)) => {
+                renderer.update_egui_texture_from_wgpu_texture(&state.device, &view, linear, id);
+                id
+            }
+            None => renderer.register_native_texture(&state.device, &view, linear),
+        };
+        self.texture = Some((texture, view.clone(), id));
+        (view, id)
+    }
+}
+
+fn lock(sent: &Mutex<Sent>) -> std::sync::MutexGuard<'_, Sent> {
+    sent.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,598 @@
+//! A body that is open: stepped as time goes by, touched, drawn.
+
+use glam::{DVec2, DVec3};
+use palpate::gpu::{Gpu, Recorder};
+use palpate::mesh::{Blade, TetMesh, Topology};
+use palpate::physics::{Engine, GrabId, Grip, SolverKind, Waker};
+use palpate::render::{Camera, Pick};
+use palpate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
+use palpate::{Error, Result};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Of a body that nothing else holds, the part of its height along gravity that lies on a table.
+const TABLE: f64 = 0.04;
+/// Length of a step where a scene does not say, s.
+const STEP: f64 = 0.02;
+/// The finger's radius where nobody chose one, over the body's diagonal, at least so many edges of its
+/// boundary.
+const RADIUS: f64 = 0.04;
+const EDGES: f64 = 1.5;
+/// The finger goes in by this part of its radius in a step at most.
+const STRIDE: f64 = 0.06;
+/// How far it goes out of the body before it is put away, over its radius.
+const OUT: f64 = 0.5;
+/// Where it is put away, in diagonals of the body from its middle.
+const AWAY: f64 = 20.0;
+/// No more time is owed to a body that is slower than its time.
+const OWED: Duration = Duration::from_millis(100);
+/// How often a body on the GPU is looked at.
+const LOOK: Duration = Duration::from_millis(15);
+/// Over how long steps are counted.
+const COUNTED: Duration = Duration::from_secs(1);
+/// How far a grab reaches, over the finger's radius.
+const GRABBED: f64 = 1.0;
+
+/// What was measured in a step of a press.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Since the body was opened, simulated, s.
+    pub time_s: f64,
+    /// How far the fingertip was beyond where it touched, m.
+    pub depth_m: f64,
+    /// What the body exerted on it along its way, N.
+    pub force_n: f64,
+}
+
+/// A finger on its way into a body, or out again.
+struct Press {
+    /// Where it touched, and which way is out there.
+    spot: DVec3,
+    out: DVec3,
+    /// How far it is in, and how far it is to go, in file units.
+    gone: f64,
+    goal: f64,
+    /// How far it was in before the last step, and how far it can be at most.
+    before: f64,
+    most: f64,
+    /// Whether it was let go.
+    ends: bool,
+    /// Whether a step was asked for with it there.
+    stepped: bool,
+}
+
+/// A body that is open.
+pub struct Show {
+    stage: Stage,
+    /// As it was read or made.
+    pub mesh: Arc<TetMesh>,
+    /// Of the body at rest.
+    pub bounds: (DVec3, DVec3),
+    /// Metres in a file unit.
+    pub unit: f64,
+    /// Radius of the finger, in file units.
+    pub radius: f64,
+    /// The number of the tool that is the finger, or why there is none.
+    finger: std::result::Result<usize, String>,
+    press: Option<Press>,
+    grab: Option<(GrabId, DVec3)>,
+    /// What was measured since the last press began.
+    pub samples: Vec<Sample>,
+    /// Whether time goes by.
+    pub playing: bool,
+    /// Simulated seconds a second.
+    pub speed: f64,
+    owed: f64,
+    /// Whether it was touched in another way since the last step.
+    stirred: bool,
+    /// Whether a step was asked for that is not known to be done.
+    under_way: bool,
+    last: Instant,
+    counted: (Instant, u64),
+    /// Steps there were.
+    pub steps: u64,
+    /// Steps a second, lately.
+    pub rate: f64,
+    /// Why the last step failed.
+    pub failure: Option<String>,
+    /// Whether any step failed.
+    pub failed: bool,
+    /// What is to be said of the last one otherwise.
+    pub remark: Option<String>,
+    /// Changes whenever the picture is another one, but for the view.
+    pub version: u64,
+    /// What was assumed, in words.
+    pub notes: Vec<String>,
+}
+
+impl Show {
+    /// The body of `scene`, whose mesh is `mesh`, with a finger of `radius`, or one that suits it.
+    ///
+    /// # Errors
+    /// As [`Stage::with_mesh`].
+    pub fn new(gpu: &Gpu, scene: &Scene, mesh: Arc<TetMesh>, radius: Option<f64>) -> Result<Show> {
+        let (mut scene, touchable) = held(scene);
+        let mut radius = radius;
+        let (stage, finger) = match touchable {
+            Ok(()) => {
+                let radius = *radius.get_or_insert_with(|| fitting_radius(&mesh));
+                let (away, number) = (put_away(mesh.bounds()), scene.tool.len());
+                scene.tool.push(ToolEntry {
+                    name: Some("finger".into()),
+                    sphere: Some(SphereEntry { radius }),
+                    at: away.to_array(),
+                    colour: Some([0.87, 0.72, 0.62]),
+                    ..ToolEntry::default()
+                });
+                match Stage::with_mesh(gpu, &scene, (*mesh).clone()) {
+                    Ok(stage) => (stage, Ok(number)),
+                    // Not all that moves can be pressed on.
+                    Err(why) => {
+                        scene.tool.pop();
+                        let stage = Stage::with_mesh(gpu, &scene, (*mesh).clone())?;
+                        (stage, Err(why.to_string()))
+                    }
+                }
+            }
+            Err(why) => {
+                let stage = match scene.body.is_empty() && scene.grid.is_none() {
+                    true => Stage::with_mesh(gpu, &scene, (*mesh).clone())?,
+                    false => Stage::new(gpu, &scene)?,
+                };
+                (stage, Err(why))
+            }
+        };
+        let now = Instant::now();
+        let unit = stage.motion().map(|m| m.length_unit());
+        // Several bodies and grids have made their own.
+        let mesh = match mesh.tets.is_empty() {
+            true => Arc::new(stage.mesh().clone()),
+            false => mesh,
+        };
+        let radius = radius.unwrap_or_else(|| fitting_radius(&mesh));
+        Ok(Show {
+            bounds: stage.mesh().bounds(),
+            unit: unit.or(mesh.length_unit).unwrap_or(1.0),
+            notes: stage.notes().to_vec(),
+            playing: stage.motion().is_some(),
+            stage,
+            mesh,
+            radius,
+            finger,
+            press: None,
+            grab: None,
+            samples: Vec::new(),
+            speed: 1.0,
+            owed: 0.0,
+            stirred: false,
+            under_way: false,
+            last: now,
+            counted: (now, 0),
+            steps: 0,
+            rate: 0.0,
+            failure: None,
+            failed: false,
+            remark: None,
+            version: 0,
+        })
+    }
+
+    /// The stage, to look at it.
+    pub fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// The diagonal of the body at rest, in file units.
+    pub fn diagonal(&self) -> f64 {
+        self.bounds.0.distance(self.bounds.1).max(f64::MIN_POSITIVE)
+    }
+
+    /// Why the body cannot be pressed on, if it cannot.
+    pub fn cannot_press(&self) -> Option<&str> {
+        self.finger.as_ref().err().map(String::as_str)
+    }
+
+    /// Shows the body as `scene` has it from now on; what was assumed is told by `notes`.
+    ///
+    /// # Errors
+    /// As [`Stage::set_looks`].
+    pub fn set_looks(&mut self, scene: &Scene) -> Result<()> {
+        self.version += 1;
+        self.notes = self.stage.set_looks(scene)?;
+        Ok(())
+    }
+
+    /// The same of planes and isosurfaces alone.
+    ///
+    /// # Errors
+    /// As [`Stage::set_planes`].
+    pub fn set_planes(&mut self, scene: &Scene) -> Result<()> {
+        self.version += 1;
+        self.notes = self.stage.set_planes(scene)?;
+        Ok(())
+    }
+
+    /// The stage, to change what its pictures show.
+    pub fn stage_mut(&mut self) -> &mut Stage {
+        self.version += 1;
+        &mut self.stage
+    }
+
+    /// Whether the body is being touched.
+    pub fn touched(&self) -> bool {
+        self.press.is_some() || self.grab.is_some()
+    }
+
+    /// Has `waker` called when steps were done.
+    pub fn set_waker(&mut self, waker: Waker) {
+        if let Some(motion) = self.stage.motion_mut() {
+            motion.simulator.set_waker(waker);
+        }
+    }
+
+    /// Whether anything is going to change without being asked.
+    fn is_busy(&self) -> bool {
+        let awake = self.stage.motion().is_some_and(|m| !m.asleep());
+        let goes = self
+            .press
+            .as_ref()
+            .is_some_and(|p| p.gone != p.goal || p.ends);
+        let stirs = self.stirred && self.stage.motion().is_some();
+        self.failure.is_none() && (stirs || goes || awake && (self.playing || self.touched()))
+    }
+
+    /// When the body is to be looked at again, where nothing calls before.
+    pub fn next_look(&self) -> Option<Duration> {
+        let motion = self.stage.motion().filter(|_| self.is_busy())?;
+        match (self.under_way, motion.engine()) {
+            (true, Engine::Gpu) => Some(LOOK),
+            (true, _) => None,
+            (false, _) => {
+                let left = (motion.dt - self.owed).max(0.0) / self.speed;
+                Some(Duration::from_secs_f64(left.clamp(1e-3, 1.0)))
+            }
+        }
+    }
+
+    /// Has the body go on to `now`: takes over steps that are done, and asks for more of them.
+    pub fn tick(&mut self, now: Instant) {
+        let passed = now.duration_since(self.last).min(OWED);
+        self.last = now;
+        self.count(now);
+        match self.stage.under_way() {
+            Ok(true) => return,
+            Ok(false) => self.under_way = false,
+            Err(_) if self.backs_off() => {
+                self.remark = Some("the body gives no further there".into());
+                return;
+            }
+            Err(why) => return self.fail(&why),
+        }
+        if self.stage.motion().is_none() {
+            return;
+        }
+        if let Err(why) = self.settle() {
+            return self.fail(&why);
+        }
+        let dt = self.stage.motion().map_or(STEP, |m| m.dt);
+        match self.playing || self.touched() {
+            true => self.owed += self.speed * passed.as_secs_f64(),
+            false => self.owed = 0.0,
+        }
+        if self.is_busy() && self.owed >= dt {
+            self.owed = (self.owed - dt).min(dt);
+            if let Err(why) = self.step() {
+                self.fail(&why);
+            }
+        }
+    }
+
+    /// Has a finger that the body cannot make way for stay where it was before. Whether there is one.
+    fn backs_off(&mut self) -> bool {
+        self.under_way = false;
+        let radius = self.radius;
+        let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) else {
+            return false;
+        };
+        if press.gone <= press.before {
+            return false;
+        }
+        press.gone = press.before;
+        press.goal = press.goal.min(press.gone);
+        press.most = press.gone;
+        press.stepped = false;
+        let place = press.spot + (radius - press.gone) * press.out;
+        self.stirred = true;
+        self.stage.guide_tool(*finger, place).is_ok()
+    }
+
+    fn fail(&mut self, why: &Error) {
+        self.failure = Some(why.to_string());
+        self.failed = true;
+        self.under_way = false;
+        self.playing = false;
+        self.owed = 0.0;
+        if let (Some(_), Ok(finger)) = (self.press.take(), &self.finger) {
+            // It stays in the picture where even that cannot be.
+            let _ = self.stage.put_tool(*finger, put_away(self.bounds));
+            self.version += 1;
+        }
+    }
+
+    fn count(&mut self, now: Instant) {
+        let (since, before) = self.counted;
+        let passed = now.duration_since(since);
+        if passed >= COUNTED {
+            self.rate = (self.steps - before) as f64 / passed.as_secs_f64();
+            self.counted = (now, self.steps);
+        }
+    }
+
+    /// Asks for one step, with the finger where it is to go.
+    pub fn step(&mut self) -> Result<()> {
+        if let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) {
+            let most = STRIDE * self.radius;
+            // Out it goes as fast as it likes.
+            let by = (press.goal - press.gone).clamp(-8.0 * most, most);
+            press.before = press.gone;
+            press.gone += by;
+            press.stepped = true;
+            let place = press.spot + (self.radius - press.gone) * press.out;
+            self.stage.guide_tool(*finger, place)?;
+        }
+        self.stage.ask(1)?;
+        self.stirred = false;
+        self.under_way = true;
+        self.steps += 1;
+        self.version += 1;
+        Ok(())
+    }
+
+    /// Measures, and puts a finger away that is out again; between two steps.
+    fn settle(&mut self) -> Result<()> {
+        let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) else {
+            return Ok(());
+        };
+        let finger = *finger;
+        if std::mem::take(&mut press.stepped) {
+            let (depth, out) = (press.gone, press.out);
+            let force = self.stage.tool_force(finger)?.dot(out);
+            self.samples.push(Sample {
+                time_s: self.stage.time(),
+                depth_m: depth * self.unit,
+                force_n: force,
+            });
+        }
+        if press.ends && press.gone <= press.goal {
+            self.press = None;
+            self.stage.put_tool(finger, put_away(self.bounds))?;
+            self.version += 1;
+        }
+        Ok(())
+    }
+
+    /// What the view of `camera` shows at a point of a picture of `size`.
+    ///
+    /// # Errors
+    /// As [`Stage::pick`].
+    pub fn pick(&mut self, camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<Option<Pick>> {
+        *self.stage.camera_mut() = *camera;
+        self.stage.set_size(size);
+        self.stage.pick(pixel)
+    }
+
+    /// Puts the finger on the body where `pick` is, which is seen along `sight`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body that cannot be pressed on.
+    pub fn press(&mut self, pick: &Pick, sight: DVec3) -> Result<()> {
+        let finger = *self
+            .finger
+            .as_ref()
+            .map_err(|why| Error::Input(why.clone()))?;
+        let out = self.outward(pick, sight)?;
+        self.stage
+            .put_tool(finger, pick.point + 1.02 * self.radius * out)?;
+        self.samples.clear();
+        self.failure = None;
+        self.stirred = true;
+        self.press = Some(Press {
+            spot: pick.point,
+            out,
+            gone: -0.02 * self.radius,
+            goal: 0.0,
+            before: -0.02 * self.radius,
+            most: 0.5 * self.diagonal(),
+            ends: false,
+            stepped: false,
+        });
+        Ok(())
+    }
+
+    /// Has the finger go in so far, in file units.
+    pub fn press_to(&mut self, depth: f64) {
+        if let Some(press) = self.press.as_mut().filter(|p| !p.ends) {
+            press.goal = depth.clamp(0.0, press.most.max(0.0));
+        }
+    }
+
+    /// How far the finger is to go in, in file units; none where nothing is pressed.
+    pub fn depth(&self) -> Option<f64> {
+        self.press.as_ref().filter(|p| !p.ends).map(|p| p.goal)
+    }
+
+    /// Takes the finger out again.
+    pub fn let_go(&mut self) {
+        if let Some(press) = &mut self.press {
+            press.goal = -OUT * self.radius;
+            press.ends = true;
+        }
+    }
+
+    /// Which way is out of the body around a pick: of faces about as far away as the finger is wide.
+    fn outward(&self, pick: &Pick, sight: DVec3) -> Result<DVec3> {
+        let motion = self.stage.motion();
+        let x = motion.map_or_else(|| Ok(self.mesh.nodes.clone()), |m| m.positions())?;
+        let (mesh, topology) = (
+            self.stage.mesh(),
+            match motion {
+                Some(motion) => motion.simulator.topology(),
+                None => return Ok(-sight),
+            },
+        );
+        let mut out = DVec3::ZERO;
+        for face in &topology.boundary {
+            let [a, b, c] = topology.boundary_nodes(mesh, *face).map(|v| x[v as usize]);
+            let middle = (a + b + c) / 3.0;
+            let normal = (b - a).cross(c - a);
+            // Not what is seen from behind: of thin parts both sides are near.
+            if middle.distance(pick.point) <= self.radius && normal.dot(sight) < 0.0 {
+                out += normal;
+            }
+        }
+        Ok(out.normalize_or(-sight))
+    }
+
+    /// Takes hold of what is around `pick`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing moves, or nothing is there to take hold of.
+    pub fn grab(&mut self, pick: &Pick) -> Result<()> {
+        let reach = GRABBED * self.radius;
+        let motion = self.stage.motion_mut().ok_or_else(still)?;
+        self.failure = None;
+        let id = motion.simulator.grab(pick.point, reach, Grip::Follow)?;
+        self.grab = Some((id, pick.point));
+        Ok(())
+    }
+
+    /// Where what is held was, and moves it from there by `moved`, in file units.
+    ///
+    /// # Errors
+    /// As [`Simulator::set_target`](palpate::physics::Simulator::set_target).
+    pub fn pull(&mut self, moved: DVec3) -> Result<()> {
+        if let (Some((id, from)), Some(motion)) = (self.grab, self.stage.motion_mut()) {
+            motion.simulator.set_target(id, from + moved)?;
+            self.stirred = true;
+        }
+        Ok(())
+    }
+
+    /// Lets go of what is held.
+    ///
+    /// # Errors
+    /// As [`Simulator::release`](palpate::physics::Simulator::release).
+    pub fn release(&mut self) -> Result<()> {
+        if let (Some((id, _)), Some(motion)) = (self.grab.take(), self.stage.motion_mut()) {
+            motion.simulator.release(id)?;
+            self.stirred = true;
+        }
+        Ok(())
+    }
+
+    /// Cuts along `blade`. Whether anything was hit.
+    ///
+    /// # Errors
+    /// As [`Stage::cut`].
+    pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
+        self.version += 1;
+        let hit = self.stage.cut(blade)?;
+        self.stirred = true;
+        if let Some(motion) = self.stage.motion_mut() {
+            motion.wake();
+        }
+        Ok(hit)
+    }
+
+    /// Holds what is within the finger's radius of `pick` where it is. How many nodes that are.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing moves.
+    pub fn pin(&mut self, pick: &Pick) -> Result<usize> {
+        let radius = self.radius;
+        let motion = self.stage.motion_mut().ok_or_else(still)?;
+        let x = motion.positions()?;
+        let near = |(v, x): (usize, &DVec3)| (x.distance(pick.point) <= radius).then_some(v as u32);
+        let mut nodes: Vec<u32> = x.iter().enumerate().filter_map(near).collect();
+        if nodes.is_empty() {
+            nodes.push(pick.node);
+        }
+        motion.simulator.pin_nodes(&nodes)?;
+        Ok(nodes.len())
+    }
+
+    /// Records the picture of `camera` into `colour`, on `backdrop`.
+    ///
+    /// # Errors
+    /// As [`Stage::record`].
+    pub fn record(
+        &mut self,
+        work: &mut Recorder,
+        camera: &Camera,
+        (colour, backdrop): (&wgpu::TextureView, [f32; 4]),
+    ) -> Result<()> {
+        *self.stage.camera_mut() = *camera;
+        self.stage.set_backdrop(backdrop);
+        self.stage.record(work, colour)
+    }
+
+    /// The force of the last step of a press, N; none where nothing is pressed.
+    pub fn force(&self) -> Option<f64> {
+        let last = self.samples.last().filter(|_| self.press.is_some());
+        last.map(|sample| sample.force_n)
+    }
+}
+
+fn still() -> Error {
+    Error::Input("nothing moves in this scene, so nothing can be touched".into())
+}
+
+/// The scene with a solver, and held somewhere, if nothing in it says so; and whether it can be
+/// pressed on, or why not.
+fn held(scene: &Scene) -> (Scene, std::result::Result<(), String>) {
+    let mut scene = scene.clone();
+    if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
+        let why = "a finger presses on one body of tets that is simulated itself, and this scene has several, a grid or a cage";
+        return (scene, Err(why.into()));
+    }
+    if scene.mesh.rest.is_some() {
+        return (
+            scene,
+            Err("a mesh that is shown bent is not simulated".into()),
+        );
+    }
+    if scene.solver.name.is_none() {
+        scene.solver.name = Some(SolverKind::Implicit.to_string());
+        scene.solver.gravity.get_or_insert([0.0; 3]);
+        scene.solver.dt.get_or_insert(STEP);
+        scene.solver.tolerance.get_or_insert(0.01);
+    }
+    if scene.pin.is_empty() && scene.moves.is_empty() {
+        scene.pin.push(Region {
+            name: Some("table".into()),
+            axis: Some(Axis::Z),
+            below: Some(TABLE),
+            ..Region::default()
+        });
+    }
+    (scene, Ok(()))
+}
+
+/// Where a finger is put away that presses on what lies between two corners.
+fn put_away((low, high): (DVec3, DVec3)) -> DVec3 {
+    0.5 * (low + high) + DVec3::splat(AWAY * low.distance(high))
+}
+
+/// A radius that suits a body.
+fn fitting_radius(mesh: &TetMesh) -> f64 {
+    let (low, high) = mesh.bounds();
+    let topology = Topology::new(mesh);
+    let edges = topology.boundary.iter().map(|face| {
+        let [a, b, c] = topology
+            .boundary_nodes(mesh, *face)
+            .map(|v| mesh.nodes[v as usize]);
+        (a.distance(b) + b.distance(c) + c.distance(a)) / 3.0
+    });
+    let edge = edges.sum::<f64>() / topology.boundary.len().max(1) as f64;
+    (RADIUS * low.distance(high)).max(EDGES * edge)
+}

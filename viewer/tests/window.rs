@@ -1,0 +1,362 @@
+//! The window itself, on a screen of its own (Xvfb), by real events of pointer and keys (xdotool): each
+//! step's screenshot is held against a golden in `viewer/tests/golden`.
+//!
+//! `PALPATE_BLESS=1` writes the goldens anew; look at them before committing.
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use palpate::render::{Background, BitDepth, Difference, Image};
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const SIZE: [usize; 2] = [1024, 768];
+/// Of the lower edge, where times and rates are told.
+const STATUS: usize = 26;
+/// Root mean square difference of what is alike, of 1; and of what is not, at least.
+const ALIKE: f64 = 0.012;
+const OTHER: f64 = 0.02;
+/// The interface is never busy for longer, ms: a quarter of that is the aim, which machines that do
+/// other things as well miss.
+const STALL: f64 = 1000.0;
+
+/// A screen with a window on it.
+struct Window {
+    screen: Child,
+    viewer: Child,
+    display: String,
+    folder: tempfile::TempDir,
+}
+
+impl Drop for Window {
+    fn drop(&mut self) {
+        for child in [&mut self.viewer, &mut self.screen] {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn missing(program: &str, e: std::io::Error) -> ! {
+    panic!(
+        "{program}: {e}; `scripts/test viewer` installs it (on Debian: apt install xvfb xdotool)"
+    )
+}
+
+impl Window {
+    fn open(arguments: &[&str]) -> Window {
+        let folder = tempfile::tempdir().unwrap();
+        let [width, height] = SIZE;
+        let mut screen = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-nolisten", "tcp", "-fbdir"])
+            .arg(folder.path())
+            .args(["-screen", "0", &format!("{width}x{height}x24")])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap_or_else(|e| missing("Xvfb", e));
+        let mut number = String::new();
+        let mut out = BufReader::new(screen.stdout.take().unwrap());
+        out.read_line(&mut number).unwrap();
+        let display = format!(":{}", number.trim());
+        let viewer = Command::new(env!("CARGO_BIN_EXE_palpate-view"))
+            .args(arguments)
+            .args(["--size", &format!("{width}x{height}"), "--log"])
+            .arg(folder.path().join("log.jsonl"))
+            .env("DISPLAY", &display)
+            .env_remove("WAYLAND_DISPLAY")
+            .env("PALPATE_VIEW_SETTINGS", folder.path().join("settings.json"))
+            .current_dir(folder.path())
+            .spawn()
+            .unwrap();
+        let mut window = Window {
+            screen,
+            viewer,
+            display,
+            folder,
+        };
+        window.wait("the body", |frame| frame["tets"].as_u64() > Some(0));
+        window.rest();
+        let found = window.xdotool(&["search", "--name", "Palpate"]);
+        let id = found.lines().last().expect("no window").to_owned();
+        window.xdotool(&["windowfocus", &id]);
+        window
+    }
+
+    fn xdotool(&self, arguments: &[&str]) -> String {
+        let done = Command::new("xdotool")
+            .args(arguments)
+            .env("DISPLAY", &self.display)
+            .output()
+            .unwrap_or_else(|e| missing("xdotool", e));
+        assert!(done.status.success(), "xdotool {arguments:?}: {done:?}");
+        String::from_utf8(done.stdout).unwrap()
+    }
+
+    /// Frames so far.
+    fn frames(&self) -> Vec<Value> {
+        let text = std::fs::read_to_string(self.folder.path().join("log.jsonl"));
+        let text = text.unwrap_or_default();
+        // The last line may be half there.
+        let lines = text.lines().map(serde_json::from_str);
+        lines.map_while(Result::ok).collect()
+    }
+
+    fn last(&self) -> Value {
+        self.frames().pop().unwrap_or_default()
+    }
+
+    /// Waits until a frame is as it should be.
+    fn wait(&mut self, what: &str, is: impl Fn(&Value) -> bool) -> Value {
+        let since = Instant::now();
+        loop {
+            if let Some(status) = self.viewer.try_wait().unwrap() {
+                panic!("the viewer ended: {status}");
+            }
+            let frame = self.last();
+            if is(&frame) {
+                return frame;
+            }
+            let waited = since.elapsed();
+            assert!(
+                waited < Duration::from_secs(90),
+                "no sign of {what}: {frame}"
+            );
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Waits until nothing is drawn any more.
+    fn rest(&mut self) {
+        let mut before = (0, Instant::now());
+        let since = Instant::now();
+        while before.1.elapsed() < Duration::from_millis(700) {
+            let drawn = self.last()["pictures"].as_u64().unwrap_or(0);
+            if drawn != before.0 {
+                before = (drawn, Instant::now());
+            }
+            assert!(since.elapsed() < Duration::from_secs(90), "it never rests");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    fn key(&self, name: &str) {
+        self.xdotool(&["key", name]);
+        std::thread::sleep(Duration::from_millis(150));
+    }
+
+    fn click(&self, [x, y]: [i32; 2]) {
+        self.to([x, y]);
+        self.xdotool(&["click", "1"]);
+        std::thread::sleep(Duration::from_millis(150));
+    }
+
+    fn to(&self, at: [i32; 2]) {
+        let [x, y] = at.map(|n| n.to_string());
+        self.xdotool(&["mousemove", &x, &y]);
+        std::thread::sleep(Duration::from_millis(60));
+    }
+
+    /// Presses the left button at a place and moves it to another, where it stays down.
+    fn hold(&self, from: [i32; 2], to: [i32; 2]) {
+        self.to(from);
+        self.xdotool(&["mousedown", "1"]);
+        std::thread::sleep(Duration::from_millis(100));
+        for n in 1..=12 {
+            self.to([0, 1].map(|k| from[k] + (to[k] - from[k]) * n / 12));
+        }
+    }
+
+    fn let_go(&mut self) {
+        self.xdotool(&["mouseup", "1"]);
+        self.rest();
+    }
+
+    /// What is on the screen: the memory of Xvfb, which is a file in the format XWD.
+    fn shot(&self) -> Image {
+        let bytes = std::fs::read(self.folder.path().join("Xvfb_screen0")).unwrap();
+        let word =
+            |n: usize| u32::from_be_bytes(bytes[4 * n..4 * n + 4].try_into().unwrap()) as usize;
+        assert_eq!((word(4), word(5), word(11)), (SIZE[0], SIZE[1], 32));
+        let (start, line) = (word(0) + 12 * word(19), word(12));
+        let mut values = Vec::new();
+        for y in 0..SIZE[1] - STATUS {
+            for x in 0..SIZE[0] {
+                let at = start + y * line + 4 * x;
+                let [b, g, r] = [0, 1, 2].map(|k| f32::from(bytes[at + k]) / 255.0);
+                values.extend([r, g, b, 1.0]);
+            }
+        }
+        Image {
+            size: [SIZE[0] as u32, (SIZE[1] - STATUS) as u32],
+            channels: 4,
+            values,
+        }
+    }
+
+    /// Holds what is on the screen against the golden of this name.
+    fn hold_against(&self, name: &str) -> Image {
+        // Not the pointer, nor what hangs on it.
+        self.to([4, 700]);
+        std::thread::sleep(Duration::from_millis(700));
+        let shot = self.shot();
+        let golden = golden(name);
+        if std::env::var_os("PALPATE_BLESS").is_some() {
+            shot.save_as(&golden, Background::Black, BitDepth::Eight)
+                .unwrap();
+            return shot;
+        }
+        let apart = Difference::between(&Image::open(&golden).unwrap(), &shot).unwrap();
+        if apart.rmse > ALIKE {
+            let kept = std::env::temp_dir().join(format!("palpate-view-{name}.png"));
+            shot.save_as(&kept, Background::Black, BitDepth::Eight)
+                .unwrap();
+            panic!("{name}: {apart:?} from its golden; see {}", kept.display());
+        }
+        shot
+    }
+}
+
+fn golden(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    folder.join(format!("{name}.png"))
+}
+
+fn apart(a: &Image, b: &Image) -> f64 {
+    Difference::between(a, b).unwrap().rmse
+}
+
+/// Opens, goes round, presses, pulls, cuts, edits colours, clips, undoes and saves.
+#[test]
+fn a_session_in_the_window() {
+    let mut window = Window::open(&["--example", "limb"]);
+    let open = window.hold_against("open");
+
+    // Round it and back to a side of it.
+    window.key("1");
+    window.hold([400, 400], [520, 340]);
+    let went = window.last()["camera"].clone();
+    window.let_go();
+    window.key("a");
+    window.rest();
+    assert_ne!(window.last()["camera"], went);
+    window.key("f");
+    window.rest();
+    let side = window.hold_against("side");
+    assert!(apart(&open, &side) > OTHER);
+
+    // A press resists more the deeper it goes, and is gone when it is let go.
+    window.key("2");
+    window.hold([400, 400], [400, 440]);
+    let pressed = window.wait("a press", |frame| frame["force_n"].as_f64() > Some(1.0));
+    assert!(pressed["depth_m"].as_f64().unwrap() > 1e-3, "{pressed}");
+    window.rest();
+    let at_depth = window.shot();
+    assert!(apart(&side, &at_depth) > 0.005);
+    window.let_go();
+    assert_eq!(window.last()["force_n"], Value::Null);
+
+    // A pull moves the body, and it comes back.
+    window.key("3");
+    window.hold([240, 385], [250, 330]);
+    window.rest();
+    let pulled = window.shot();
+    assert!(apart(&side, &pulled) > OTHER, "{}", apart(&side, &pulled));
+    window.let_go();
+    println!("let go: {}", apart(&side, &window.shot()));
+
+    // A stroke parts tets; the body begins anew whole.
+    window.key("4");
+    let nodes = |said: &Value| said["said"].as_str().unwrap_or_default().to_owned();
+    window.hold([430, 385], [430, 470]);
+    window.let_go();
+    let cut = window.wait("a cut", |frame| nodes(frame).starts_with("cut;"));
+    window.xdotool(&["key", "ctrl+r"]);
+    std::thread::sleep(Duration::from_secs(1));
+    window.rest();
+    assert!(window.last()["tets"].as_u64() <= cut["tets"].as_u64());
+
+    // A clip, at the middle; undone it is gone.
+    window.click([810, 449]);
+    window.rest();
+    let clipped = window.hold_against("clip");
+    assert!(apart(&side, &clipped) > OTHER);
+    window.key("ctrl+z");
+    window.rest();
+    assert!(apart(&window.hold_against("undone"), &clipped) > OTHER);
+
+    // A point of the transfer function dragged down.
+    window.hold([900, 120], [900, 215]);
+    window.let_go();
+    let clear = window.hold_against("clear");
+    assert!(apart(&side, &clear) > OTHER);
+
+    // Saved, the scene is one that can be read, seen from here.
+    window.key("ctrl+s");
+    window.key("ctrl+a");
+    window.xdotool(&["type", "--delay", "20", "saved.toml"]);
+    window.key("Return");
+    let file = window.folder.path().join("saved.toml");
+    window.wait("the scene", |_| file.is_file());
+    let scene = palpate::scene::Scene::read(&file).unwrap();
+    assert!(scene.picture.transfer.unwrap().contains("extinction"));
+    let eye = window.last()["camera"][0].clone();
+    let saved = scene.camera.eye.unwrap();
+    for k in 0..3 {
+        assert!(
+            (saved[k] - eye[k].as_f64().unwrap()).abs() < 1e-9,
+            "{saved:?} {eye}"
+        );
+    }
+    window.key("ctrl+p");
+    window.key("ctrl+a");
+    window.xdotool(&["type", "--delay", "20", "saved.png"]);
+    window.key("Return");
+    let file = window.folder.path().join("saved.png");
+    window.wait("the picture", |_| file.is_file());
+    assert_eq!(Image::open(&file).unwrap().size, [1024, 768]);
+
+    // What cannot be opened is said, and what was open stays.
+    window.key("ctrl+l");
+    window.xdotool(&["type", "--delay", "20", "nothing.vtu"]);
+    window.key("Return");
+    let said = window.wait("the error", |frame| nodes(frame).contains("nothing.vtu"));
+    assert!(said["tets"].as_u64() > Some(0));
+
+    // Of nothing but looking, nothing was too slow; drawing is not the interface's to wait for.
+    let frames = window.frames();
+    let slowest = frames
+        .iter()
+        .filter_map(|f| f["ui_ms"].as_f64())
+        .fold(0.0, f64::max);
+    println!(
+        "{} frames, the interface busy for {slowest:.0} ms at most",
+        frames.len()
+    );
+    assert!(slowest < STALL, "{slowest} ms");
+}
+
+/// Looked at and pressed on for a while, it needs no more memory than at first.
+#[test]
+#[ignore = "long: two minutes of use"]
+fn memory_does_not_grow() {
+    let mut window = Window::open(&["--example", "breast"]);
+    let memory = |window: &Window| window.last()["memory_mb"].as_f64().unwrap();
+    let mut seen = Vec::new();
+    let since = Instant::now();
+    while since.elapsed() < Duration::from_secs(120) {
+        window.key("1");
+        window.hold([300, 300], [500, 320]);
+        window.let_go();
+        window.key("f");
+        window.key("2");
+        window.hold([410, 390], [410, 420]);
+        window.let_go();
+        seen.push(memory(&window));
+    }
+    println!("{seen:.0?} MB");
+    let (early, late) = (seen[seen.len() / 4], seen[seen.len() - 1]);
+    assert!(late < 1.1 * early + 20.0, "{early} MB, later {late} MB");
+}
