@@ -34,7 +34,7 @@ impl Warp<'_> {
     /// outermost centres the nearest value between these, further out the background.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) when the scan has no voxels, its type cannot hold the background, or nothing of
+    /// [`Error::Input`] when the scan has no voxels, its type cannot hold the background, or nothing of
     /// it is seen: no voxel lies in the body, or none of these was in the scan.
     pub fn image(&self, scan: &Volume, grid: &Grid, options: &WarpOptions) -> Result<WarpedImage> {
         let sampler = Sampler::new(scan, grid, options)?;
