@@ -5,7 +5,7 @@ use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Blade, TetMesh, Topology};
 use palpate::physics::{Engine, GrabId, Grip, SolverKind, Waker};
 use palpate::render::{Camera, Pick};
-use palpate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
+use palpate::scene::{Axis, Motion, Region, Scene, SphereEntry, Stage, ToolEntry};
 use palpate::{Error, Result};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -232,13 +232,12 @@ impl Show {
 
     /// Whether anything is going to change without being asked.
     fn is_busy(&self) -> bool {
-        let awake = self.stage.motion().is_some_and(|m| !m.asleep());
-        let goes = self
-            .press
-            .as_ref()
-            .is_some_and(|p| p.gone != p.goal || p.ends);
-        let stirs = self.stirred && self.stage.motion().is_some();
-        self.failure.is_none() && (stirs || goes || awake && (self.playing || self.touched()))
+        let press = self.press.as_ref();
+        let goes = press.is_some_and(|p| p.gone != p.goal || p.ends);
+        let awake = |m: &Motion| !m.asleep() || self.stirred;
+        let steps = self.playing || self.touched();
+        let awake = steps && self.stage.motion().is_some_and(awake);
+        self.failure.is_none() && (goes || awake)
     }
 
     /// When the body is to be looked at again, where nothing calls before.
