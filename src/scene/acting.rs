@@ -96,7 +96,8 @@ impl Actors {
             };
             body.loads_mut().set_led(mover.id, &now, &velocities)?;
         }
-        for tool in &self.tools {
+        // Others are where who leads them by hand has them.
+        for tool in self.tools.iter().filter(|tool| tool.moves()) {
             body.loads_mut().guide_tool(tool.id, tool.pose(time + dt))?;
         }
         // Where in the step its forces are taken.

@@ -102,8 +102,10 @@ impl Stage {
         let Drive::Simulated(motion) = &mut self.drive else {
             return Ok(false);
         };
+        // What is told of a failed step here is not told again.
+        let change = motion.simulator.cut(blade);
+        let change = change.inspect_err(|_| motion.asked = None)?;
         let simulator = &mut motion.simulator;
-        let change = simulator.cut(blade)?;
         for pin in &mut motion.pins {
             pin.follow(&change.mesh);
         }

@@ -28,8 +28,9 @@ pub struct Motion {
     pub dt: f64,
     pub(super) attachments: Vec<Attachment>,
     pub(super) progress: Option<Progress>,
-    /// Steps that were asked for and not waited for, and how many there are in all after these.
-    asked: Option<(u32, u64)>,
+    /// Steps that were asked for and not waited for, how many there are in all after these, and the
+    /// body's count of changes from outside before them.
+    pub(super) asked: Option<(u32, u64, u64)>,
     pub(super) sleep: Sleep,
     cage: Option<CageReport>,
     /// Whether its steps are those of a grid.
@@ -123,7 +124,8 @@ impl Motion {
         }
         let done = self.simulator.progress()?.steps;
         self.simulator.advance(some, self.dt)?;
-        self.asked = Some((some, done + u64::from(some)));
+        let touched = self.simulator.touched();
+        self.asked = Some((some, done + u64::from(some), touched));
         Ok(())
     }
 
@@ -132,7 +134,7 @@ impl Motion {
     /// # Errors
     /// As [`Motion::run`].
     pub fn under_way(&mut self) -> Result<bool> {
-        let Some((some, goal)) = self.asked else {
+        let Some((some, goal, touched)) = self.asked else {
             return Ok(false);
         };
         let now = self.simulator.progress();
@@ -143,7 +145,7 @@ impl Motion {
         }
         self.asked = None;
         self.progress = Some(now);
-        let (speed, touched) = (self.simulator.speed(), self.simulator.touched());
+        let speed = self.simulator.speed();
         self.sleep.look(speed, some, self.dt, touched);
         Ok(false)
     }

@@ -269,20 +269,21 @@ impl Stage {
         Ok(looks.notes)
     }
 
-    /// As [`Stage::set_looks`], of planes and isosurfaces alone, and so quick that they can be dragged.
+    /// As [`Stage::set_looks`], so quick that planes and isosurfaces can be dragged: of these alone in a
+    /// picture of the inside.
     ///
     /// # Errors
     /// As [`Stage::set_looks`].
     pub fn set_planes(&mut self, scene: &Scene) -> Result<Vec<String>> {
+        // Of other modes light goes by what there is inside.
+        if self.mode != DisplayMode::Inside(Mode::Composite) {
+            return self.set_looks(scene);
+        }
         let scene = Scene {
             plane: scene.plane.clone(),
             isosurface: scene.isosurface.clone(),
             ..self.scene.clone()
         };
-        // Of other modes light goes by what there is inside.
-        if self.mode != DisplayMode::Inside(Mode::Composite) {
-            return self.set_looks(&scene);
-        }
         let mut notes = Vec::new();
         let inside = scene.inside(self.mode, &mut notes)?;
         // As scenes have it, tools are whole.

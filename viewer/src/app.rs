@@ -239,6 +239,10 @@ impl App {
         let (Some(document), Some(show)) = (&self.document, &self.show) else {
             return;
         };
+        // What is being opened goes first.
+        if self.loading.as_ref().is_some_and(|l| l.document.is_some()) {
+            return;
+        }
         let body = (show.mesh.clone(), radius.unwrap_or(show.radius));
         match Loading::again(&self.gpu, document, body, context) {
             Ok(loading) => self.loading = Some(loading),
@@ -263,6 +267,7 @@ impl App {
         match (loading.document, &self.show, &self.document) {
             (Some(document), ..) => {
                 self.see(&mut show);
+                self.picture = show.stage().size();
                 let title = format!("{} — Palpate", document.name);
                 context.send_viewport_cmd(egui::ViewportCommand::Title(title));
                 self.document = Some(document);
@@ -281,6 +286,7 @@ impl App {
         self.stroke = Stroke::Idle;
         self.ruler = None;
         self.histogram = None;
+        self.screen.forget();
         self.show = Some(show);
     }
 
@@ -419,6 +425,10 @@ impl App {
                 }
                 out.write_all(lines.as_bytes()).map_err(Error::io(file))
             })?,
+        }
+        // It is no news that what is open was saved.
+        if let Some((watched, at, _)) = &mut self.watched {
+            *at = changed(watched);
         }
         self.say(format!("saved {}", file.display()));
         Ok(())

@@ -36,7 +36,7 @@ impl Saved {
     fn named(self) -> (&'static str, &'static str, &'static [&'static str]) {
         match self {
             Saved::Picture => ("Save picture", ".png", &["png", "exr"]),
-            Saved::Scene => ("Save scene", ".toml", &["toml"]),
+            Saved::Scene => ("Save scene", "_view.toml", &["toml"]),
             Saved::Mesh => (
                 "Save body as it is",
                 "_bent.vtu",
@@ -53,6 +53,8 @@ pub(crate) struct Ask {
     what: Option<Saved>,
     /// As it is typed.
     pub path: String,
+    /// The file that may be replaced: who saves again where one is there already means it.
+    replaced: Option<PathBuf>,
 }
 
 impl Ask {
@@ -61,6 +63,7 @@ impl Ask {
         Ask {
             what: None,
             path: String::new(),
+            replaced: None,
         }
     }
 }
@@ -105,6 +108,7 @@ impl App {
         self.ask = Some(Ask {
             what: Some(what),
             path: place.to_string_lossy().into_owned(),
+            replaced: None,
         });
     }
 
@@ -157,6 +161,14 @@ impl App {
             (None, _) => self.ask = Some(ask),
             (Some(false), _) => {}
             (Some(true), None) => self.open(&path, context),
+            (Some(true), Some(_)) if path.exists() && ask.replaced.as_ref() != Some(&path) => {
+                self.say(format!(
+                    "{} is there already; save again to replace it",
+                    path.display()
+                ));
+                ask.replaced = Some(path);
+                self.ask = Some(ask);
+            }
             (Some(true), Some(what)) => {
                 let result = self.save(what, &path);
                 self.tell_error(result);

@@ -3,7 +3,7 @@
 use crate::app::App;
 use crate::ask::{Ask, Saved};
 use crate::examples::EXAMPLES;
-use crate::hand::Hand;
+use crate::hand::{Hand, Stroke};
 use crate::orbit::Side;
 use crate::settings::{Habit, Theme};
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
@@ -116,6 +116,9 @@ impl App {
             self.step();
         }
         if hit(Key::Escape) {
+            if matches!(self.stroke, Stroke::Cut(..)) {
+                self.stroke = Stroke::Idle;
+            }
             self.let_go();
             self.ruler = None;
             self.hand = Hand::Look;

@@ -62,6 +62,7 @@ impl App {
         let moves = show.stage().motion().is_some();
         let field = show.stage().scalar_field();
         let (name, range) = (field.name.clone(), field.range);
+        let by_region = !field.regions.is_empty() && scene.picture.transfer.is_none();
         let mut names = scalar_fields(&show.mesh);
         if moves {
             names.extend(COMPUTED.map(str::to_owned));
@@ -130,10 +131,13 @@ impl App {
                 set(t, "picture", "field", field.map(Value::from))
             });
         }
-        match scene.scan.is_empty() {
-            true => self.transfer_editor(ui, range),
-            false => {
+        match (scene.scan.is_empty(), by_region) {
+            (true, false) => self.transfer_editor(ui, range),
+            (false, _) => {
                 ui.label("Scans have the colours that their scene gives them");
+            }
+            (_, true) => {
+                ui.label("A colour a region; take a field or a preset to show values");
             }
         }
     }
@@ -463,7 +467,10 @@ impl App {
             ui.push_id(n, |ui| {
                 ui.horizontal(|ui| {
                     changed |= ui
-                        .add(egui::Slider::new(&mut surface.value, low..=high))
+                        .add(
+                            egui::Slider::new(&mut surface.value, low..=high)
+                                .clamping(egui::SliderClamping::Edits),
+                        )
                         .changed();
                     let mut opacity = surface.opacity.unwrap_or(1.0);
                     let own = egui::DragValue::new(&mut opacity)
@@ -525,19 +532,16 @@ impl App {
             ui.label(format!("It cannot be pressed on: {why}"));
         }
         let mm = 1e3 * show.unit;
-        let mut radius = mm * show.radius;
-        let (before, most) = (radius, 0.25 * mm * show.diagonal());
+        let (before, most) = (mm * show.radius, 0.25 * mm * show.diagonal());
+        let mut chosen = None;
         ui.horizontal(|ui| {
             ui.label("Radius");
-            let value = egui::DragValue::new(&mut radius)
-                .range(0.01 * most..=most)
-                .speed(0.005 * most)
-                .suffix(" mm");
-            let response = ui.add(value);
-            if (response.drag_stopped() || response.lost_focus()) && radius != before {
-                self.restart(Some(radius / mm), context);
-            }
+            let (range, speed) = (0.01 * most..=most, 0.005 * most);
+            chosen = edited(ui, "radius", before, (range, speed, " mm"));
         });
+        if let Some(radius) = chosen {
+            self.restart(Some(radius / mm), context);
+        }
         let cut_depth = &mut self.cut_depth;
         ui.horizontal(|ui| {
             ui.label("Cuts go");
@@ -580,47 +584,37 @@ impl App {
             return;
         };
         ui.label(format!("{} on {}", motion.kind(), motion.engine()));
-        let mut dt = 1e3 * motion.dt;
-        let mut young = 1e-3 * scene.material.young.unwrap_or(f64::NAN);
+        let (dt, young) = (1e3 * motion.dt, scene.material.young.map(|e| 1e-3 * e));
+        let tolerance = scene.solver.tolerance.unwrap_or(0.01);
         let mut edits: Vec<(&str, &str, Value)> = Vec::new();
         egui::Grid::new("matter").num_columns(2).show(ui, |ui| {
             ui.label("Step");
-            let value = egui::DragValue::new(&mut dt)
-                .range(0.01..=1000.0)
-                .suffix(" ms");
-            let response = ui.add(value);
-            if response.drag_stopped() || response.lost_focus() {
+            if let Some(dt) = edited(ui, "dt", dt, (0.01..=1000.0, 0.1, " ms")) {
                 edits.push(("solver", "dt", Value::from(1e-3 * dt)));
             }
             ui.end_row();
-            if young.is_finite() {
+            if let Some(young) = young {
                 ui.label("Young's modulus");
-                let value = egui::DragValue::new(&mut young)
-                    .range(0.01..=1e6)
-                    .suffix(" kPa");
-                let response = ui.add(value);
-                if response.drag_stopped() || response.lost_focus() {
+                if let Some(young) = edited(ui, "young", young, (0.01..=1e6, 0.1, " kPa")) {
                     edits.push(("material", "young", Value::from(1e3 * young)));
                 }
                 ui.end_row();
             }
             ui.label("Tolerance");
-            let mut tolerance = scene.solver.tolerance.unwrap_or(0.01);
-            let value = egui::DragValue::new(&mut tolerance)
-                .range(1e-8..=0.3)
-                .speed(0.001);
-            let response = ui.add(value);
-            if response.drag_stopped() || response.lost_focus() {
+            if let Some(tolerance) = edited(ui, "tolerance", tolerance, (1e-8..=0.3, 0.001, "")) {
                 edits.push(("solver", "tolerance", Value::from(tolerance)));
             }
             ui.end_row();
         });
+        let gravity = scene.solver.gravity.unwrap_or([0.0; 3]);
         for (table, key, value) in edits {
             self.edit_body(key, context, |t| {
                 let solver = t.get("solver").and_then(Item::as_table_like);
                 if table == "solver" && solver.is_none_or(|s| s.get("name").is_none()) {
                     set(t, "solver", "name", Some(Value::from("implicit")));
-                    set(t, "solver", "gravity", Some(numbers([0.0; 3])));
+                    set(t, "solver", "gravity", Some(numbers(gravity)));
+                    set(t, "solver", "dt", Some(Value::from(1e-3 * dt)));
+                    set(t, "solver", "tolerance", Some(Value::from(tolerance)));
                 }
                 set(t, table, key, Some(value));
             });
@@ -632,6 +626,31 @@ fn section(ui: &mut egui::Ui, name: &str, open: bool, add: impl FnOnce(&mut egui
     egui::CollapsingHeader::new(name)
         .default_open(open)
         .show(ui, add);
+}
+
+/// A number that is dragged or typed: what it was changed to, once that is done.
+fn edited(
+    ui: &mut egui::Ui,
+    name: &str,
+    value: f64,
+    (range, speed, unit): (std::ops::RangeInclusive<f64>, f64, &str),
+) -> Option<f64> {
+    let id = ui.make_persistent_id(name);
+    let mut now = ui.data(|d| d.get_temp::<f64>(id)).unwrap_or(value);
+    let field = egui::DragValue::new(&mut now)
+        .range(range)
+        .clamp_existing_to_range(false)
+        .speed(speed)
+        .suffix(unit);
+    let response = ui.add(field);
+    let done = response.drag_stopped() || response.lost_focus();
+    match done || !(response.dragged() || response.has_focus()) {
+        true => ui.data_mut(|d| d.remove::<f64>(id)),
+        false => {
+            ui.data_mut(|d| d.insert_temp(id, now));
+        }
+    }
+    (done && now != value).then_some(now)
 }
 
 /// A button that is an open eye, or a closed one.

@@ -111,6 +111,11 @@ impl Screen {
         Ok((id, next != full))
     }
 
+    /// Has the next picture drawn, whatever it shows.
+    pub fn forget(&mut self) {
+        self.shown = None;
+    }
+
     /// Notes that a picture was sent, and when it is done.
     fn note(&self, state: &RenderState, now: Instant, size: [u32; 2]) {
         let millions = 1e-6 * f64::from(size[0]) * f64::from(size[1]);

@@ -83,6 +83,8 @@ pub struct Show {
     /// Simulated seconds a second.
     pub speed: f64,
     owed: f64,
+    /// Whether anything in the scene acts at a time of its own.
+    timed: bool,
     /// Whether it was touched in another way since the last step.
     stirred: bool,
     /// Whether a step was asked for that is not known to be done.
@@ -116,7 +118,7 @@ impl Show {
         let (stage, finger) = match touchable {
             Ok(()) => {
                 let radius = *radius.get_or_insert_with(|| fitting_radius(&mesh));
-                let (away, number) = (put_away(mesh.bounds()), scene.tool.len());
+                let (away, number) = (put_away(mesh.bounds()), led(&scene));
                 scene.tool.push(ToolEntry {
                     name: Some("finger".into()),
                     sphere: Some(SphereEntry { radius }),
@@ -142,6 +144,15 @@ impl Show {
                 (stage, Err(why))
             }
         };
+        let timed = !(scene.grab.is_empty()
+            && scene.cut.is_empty()
+            && scene.moves.is_empty()
+            && scene.muscle.is_empty()
+            && scene.pressure.is_empty())
+            || scene
+                .tool
+                .iter()
+                .any(|t| t.path.is_some() || t.file.is_some() || t.turn.is_some());
         let now = Instant::now();
         let unit = stage.motion().map(|m| m.length_unit());
         // Several bodies and grids have made their own.
@@ -164,6 +175,7 @@ impl Show {
             samples: Vec::new(),
             speed: 1.0,
             owed: 0.0,
+            timed,
             stirred: false,
             under_way: false,
             last: now,
@@ -234,10 +246,10 @@ impl Show {
     fn is_busy(&self) -> bool {
         let press = self.press.as_ref();
         let goes = press.is_some_and(|p| p.gone != p.goal || p.ends);
-        let awake = |m: &Motion| !m.asleep() || self.stirred;
+        let awake = |m: &Motion| !m.asleep() || self.stirred || self.timed;
         let steps = self.playing || self.touched();
         let awake = steps && self.stage.motion().is_some_and(awake);
-        self.failure.is_none() && (goes || awake)
+        !self.failed && (goes || awake)
     }
 
     /// When the body is to be looked at again, where nothing calls before.
@@ -260,8 +272,10 @@ impl Show {
         self.count(now);
         match self.stage.under_way() {
             Ok(true) => return,
-            Ok(false) => self.under_way = false,
-            Err(_) if self.backs_off() => {
+            // What it led to is seen now.
+            Ok(false) if std::mem::take(&mut self.under_way) => self.version += 1,
+            Ok(false) => {}
+            Err(Error::Solver { .. }) if self.backs_off() => {
                 self.remark = Some("the body gives no further there".into());
                 return;
             }
@@ -308,6 +322,7 @@ impl Show {
     fn fail(&mut self, why: &Error) {
         self.failure = Some(why.to_string());
         self.failed = true;
+        self.grab = None;
         self.under_way = false;
         self.playing = false;
         self.owed = 0.0;
@@ -393,7 +408,7 @@ impl Show {
         self.stage
             .put_tool(finger, pick.point + 1.02 * self.radius * out)?;
         self.samples.clear();
-        self.failure = None;
+        self.failed = false;
         self.stirred = true;
         self.press = Some(Press {
             spot: pick.point,
@@ -459,7 +474,7 @@ impl Show {
     pub fn grab(&mut self, pick: &Pick) -> Result<()> {
         let reach = GRABBED * self.radius;
         let motion = self.stage.motion_mut().ok_or_else(still)?;
-        self.failure = None;
+        self.failed = false;
         let id = motion.simulator.grab(pick.point, reach, Grip::Follow)?;
         self.grab = Some((id, pick.point));
         Ok(())
@@ -565,16 +580,22 @@ fn held(scene: &Scene) -> (Scene, std::result::Result<(), String>) {
         scene.solver.gravity.get_or_insert([0.0; 3]);
         scene.solver.dt.get_or_insert(STEP);
         scene.solver.tolerance.get_or_insert(0.01);
-    }
-    if scene.pin.is_empty() && scene.moves.is_empty() {
-        scene.pin.push(Region {
-            name: Some("table".into()),
-            axis: Some(Axis::Z),
-            below: Some(TABLE),
-            ..Region::default()
-        });
+        if scene.pin.is_empty() && scene.moves.is_empty() {
+            scene.pin.push(Region {
+                name: Some("table".into()),
+                axis: Some(Axis::Z),
+                below: Some(TABLE),
+                ..Region::default()
+            });
+        }
     }
     (scene, Ok(()))
+}
+
+/// Tools that are not regions of the mesh, which those with a mass or a spring become.
+fn led(scene: &Scene) -> usize {
+    let carried = |t: &&ToolEntry| t.mass.is_some() || t.spring.is_some();
+    scene.tool.len() - scene.tool.iter().filter(carried).count()
 }
 
 /// Where a finger is put away that presses on what lies between two corners.

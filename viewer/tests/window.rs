@@ -170,6 +170,8 @@ impl Window {
     }
 
     fn let_go(&mut self) {
+        // Not before the window has seen where the pointer came.
+        std::thread::sleep(Duration::from_millis(400));
         self.xdotool(&["mouseup", "1"]);
         self.rest();
     }
