@@ -10,6 +10,7 @@
 pub mod annotate;
 pub mod cage;
 pub mod error;
+mod files;
 pub mod gpu;
 pub mod io;
 pub mod mesh;

@@ -1,6 +1,8 @@
 //! Files that are either whole or not there.
 
+use crate::files::OutFile;
 use crate::{Error, Result};
+#[cfg(not(target_arch = "wasm32"))]
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -16,7 +18,7 @@ use std::path::PathBuf;
 /// file is gone then and an older file of that name untouched.
 pub fn atomic_write(
     path: impl AsRef<Path>,
-    fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>,
+    fill: impl FnOnce(&mut BufWriter<OutFile>) -> Result<()>,
 ) -> Result<()> {
     let mut fill = Some(fill);
     whole_or_not(path.as_ref(), &mut |file| match fill.take() {
@@ -26,8 +28,9 @@ pub fn atomic_write(
 }
 
 /// Fills a file, once.
-type Fill<'a> = &'a mut dyn FnMut(&mut BufWriter<File>) -> Result<()>;
+type Fill<'a> = &'a mut dyn FnMut(&mut BufWriter<OutFile>) -> Result<()>;
 
+#[cfg(not(target_arch = "wasm32"))]
 fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
     // A link keeps pointing where it did: the file behind it is the one replaced.
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
@@ -49,6 +52,7 @@ fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
 }
 
 /// The folder that a file is in.
+#[cfg(not(target_arch = "wasm32"))]
 fn folder_of(file: &Path) -> &Path {
     match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -57,8 +61,12 @@ fn folder_of(file: &Path) -> &Path {
 }
 
 #[cfg(target_arch = "wasm32")]
-fn replace(path: &Path, _: &Path, _: &Path, _: Fill<'_>) -> Result<()> {
-    Err(Error::format(path, "a browser has no files to write"))
+fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
+    let mut file = BufWriter::new(OutFile::default());
+    fill(&mut file)?;
+    let file = file.into_inner().map_err(|e| Error::io(path)(e.into()))?;
+    crate::files::put(path, file.into_inner());
+    Ok(())
 }
 
 /// Fills a temporary file in `folder` and gives it the name `target`; `path` is what errors name.

@@ -55,6 +55,10 @@ pub use surface::{read_surface, write_surface};
 pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
 pub use volume::{read_volume, write_volume};
 
+use crate::files;
+pub use crate::files::OutFile;
+#[cfg(target_arch = "wasm32")]
+pub use crate::files::{put, take};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use std::path::Path;
@@ -171,14 +175,7 @@ const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// The bytes of a file that is one, and is not empty; without a byte order mark.
 fn content(path: &Path) -> Result<Vec<u8>> {
-    let about = std::fs::metadata(path).map_err(Error::io(path))?;
-    if about.is_dir() {
-        return Err(Error::format(path, "this is a folder; name a file in it"));
-    }
-    if !about.is_file() {
-        return Err(Error::format(path, "this is not a regular file"));
-    }
-    let mut bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let mut bytes = files::read_regular(path)?;
     let length = content_of(path, &bytes)?.len();
     bytes.drain(..bytes.len() - length);
     Ok(bytes)

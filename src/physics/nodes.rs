@@ -14,6 +14,8 @@ pub struct Nodes {
     gpu: Gpu,
     positions: Array,
     frame: LocalFrame,
+    /// What was put there last from outside the device, and the version it made.
+    put: Option<(u64, Vec<Vec3>)>,
 }
 
 impl<'a> From<&'a Nodes> for Positions<'a> {
@@ -32,14 +34,13 @@ impl Nodes {
     /// [`Error::Gpu`] when they do not fit the device.
     pub fn new(gpu: &Gpu, mesh: &TetMesh) -> Result<Nodes> {
         let frame = LocalFrame::of_mesh(mesh);
-        let local: Vec<[f32; 4]> = mesh
-            .nodes
-            .iter()
-            .map(|p| frame.to_local(*p).extend(1.0).to_array())
-            .collect();
+        let put: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
+        let local: Vec<[f32; 4]> = put.iter().map(|p| p.extend(1.0).to_array()).collect();
+        let positions = gpu.roomy_array_of("positions", Texel::F32x4, &local)?;
         Ok(Nodes {
             gpu: gpu.clone(),
-            positions: gpu.roomy_array_of("positions", Texel::F32x4, &local)?,
+            put: Some((positions.version(), put)),
+            positions,
             frame,
         })
     }
@@ -82,14 +83,26 @@ impl Nodes {
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         let local = self.check("positions", positions, |p| self.frame.to_local(p))?;
         self.gpu.write_array(&self.positions, &local)?;
+        let put = local.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
+        self.put = Some((self.version(), put));
         Ok(())
     }
 
-    /// The positions in file units, read back.
+    /// The positions in file units where they came from outside the device, and nothing on it has
+    /// moved them since: as they are there, without reading back.
+    pub fn put(&self) -> Option<Vec<DVec3>> {
+        let (version, put) = self.put.as_ref()?;
+        (*version == self.version()).then(|| put.iter().map(|p| self.frame.to_file(*p)).collect())
+    }
+
+    /// The positions in file units; read back, where they were not put there from outside.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
     pub fn positions(&self) -> Result<Vec<DVec3>> {
+        if let Some(put) = self.put() {
+            return Ok(put);
+        }
         let local: Vec<[f32; 4]> = self.gpu.read_array(&self.positions)?;
         Ok(local
             .iter()

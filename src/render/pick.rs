@@ -1,8 +1,10 @@
 //! Picking: from a pixel to the node, tet and point of the surface that are seen there.
 //!
 //! One ray is held against every triangle of the boundary where its nodes are now, with the sign
-//! tests that the raycaster starts its rays by. What comes back is 36 bytes.
+//! tests that the raycaster starts its rays by. What comes back is 36 bytes. Where the nodes came from
+//! the processor it is held against them there, and nobody waits for the device.
 
+use super::first_hit::first_hit;
 use super::geometry::Geometry;
 use super::view::{LocalView, View, Window};
 use super::{Camera, Ray};
@@ -77,21 +79,79 @@ impl Geometry {
             frame: &self.frame,
         };
         let hit = looked.first_hit(&self.gpu, &self.positions, 1, &self.boundary)?;
-        Ok(hit.and_then(|hit| {
-            let [a, b, c, code] = *self.boundary_faces.get(hit.triangle as usize)?;
-            let nodes = [a, b, c];
-            // Tets are kept in another order than the mesh has them.
-            let tet = self.place.iter().position(|slot| *slot == code / 4)?;
-            Some(Pick {
-                node: nodes[hit.corner],
-                tet: tet as u32,
-                face: code % FACES.len() as u32,
-                nodes,
-                weights: hit.weights,
-                point: hit.point,
-                distance: hit.distance,
-            })
+        Ok(hit.and_then(|hit| self.picked(&hit)))
+    }
+
+    /// As [`Geometry::pick`] of nodes that are at `positions`, in file units, by the processor: it
+    /// waits for nothing.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a bad camera, a point that does not lie in the picture, or positions that
+    /// are not the mesh's.
+    pub fn pick_at(
+        &self,
+        positions: &[DVec3],
+        camera: &Camera,
+        pixel: DVec2,
+        size: [u32; 2],
+    ) -> Result<Option<Pick>> {
+        check(camera, pixel, size)?;
+        if positions.len() != self.positions.len() as usize {
+            return Err(Error::Input(format!(
+                "{} positions given for {} nodes",
+                positions.len(),
+                self.positions.len()
+            )));
+        }
+        let ray = camera.ray(pixel, size);
+        let corners = self.boundary_faces.iter().map(|&[a, b, c, _]| [a, b, c]);
+        let triangles: Vec<[u32; 3]> = corners.collect();
+        let Some(hit) = first_hit(positions, &triangles, ray) else {
+            return Ok(None);
+        };
+        let point = ray.origin + hit.distance * ray.direction;
+        let away = |corner: &usize| {
+            positions[triangles[hit.triangle][*corner] as usize].distance_squared(point)
+        };
+        let corner = (0..3).min_by(|a, b| away(a).total_cmp(&away(b)));
+        Ok(self.picked(&FirstHit {
+            triangle: hit.triangle as u32,
+            weights: hit.weights,
+            point,
+            corner: corner.unwrap_or(0),
+            distance: hit.distance,
         }))
+    }
+
+    /// What was met, by the numbers of the mesh.
+    fn picked(&self, hit: &FirstHit) -> Option<Pick> {
+        let [a, b, c, code] = *self.boundary_faces.get(hit.triangle as usize)?;
+        let nodes = [a, b, c];
+        // Tets are kept in another order than the mesh has them.
+        let tet = self.place.iter().position(|slot| *slot == code / 4)?;
+        Some(Pick {
+            node: nodes[hit.corner],
+            tet: tet as u32,
+            face: code % FACES.len() as u32,
+            nodes,
+            weights: hit.weights,
+            point: hit.point,
+            distance: hit.distance,
+        })
+    }
+}
+
+/// Refuses a camera that makes no sense, and points beside the picture.
+fn check(camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<()> {
+    camera.check()?;
+    let picture = DVec2::new(f64::from(size[0]), f64::from(size[1]));
+    let inside = pixel.cmpge(DVec2::ZERO) & pixel.cmple(picture);
+    match inside.all() {
+        true => Ok(()),
+        false => Err(Error::Input(format!(
+            "{pixel} is no point of a picture of {} × {} pixels",
+            size[0], size[1]
+        ))),
     }
 }
 
@@ -116,15 +176,7 @@ impl Look<'_> {
         stride: u32,
         triangles: &Array,
     ) -> Result<Option<FirstHit>> {
-        self.camera.check()?;
-        let picture = DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]));
-        let inside = self.pixel.cmpge(DVec2::ZERO) & self.pixel.cmple(picture);
-        if !inside.all() {
-            return Err(Error::Input(format!(
-                "{} is no point of a picture of {} × {} pixels",
-                self.pixel, self.size[0], self.size[1]
-            )));
-        }
+        check(self.camera, self.pixel, self.size)?;
         let view = LocalView::new(self.camera, self.frame, Window::whole(self.size));
         let params = gpu_data::Pick {
             view: view.to_gpu(),

@@ -1,6 +1,6 @@
 //! Transfer functions: the colour and the extinction of a scalar.
 
-use crate::{Error, Result};
+use crate::{Error, Result, files};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -81,7 +81,7 @@ impl TransferFunction {
     /// When the file cannot be read, or as [`TransferFunction::from_json`].
     pub fn read(path: impl AsRef<Path>) -> Result<TransferFunction> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = files::read_text(path)?;
         TransferFunction::from_json(&text).map_err(|e| Error::format(path, e.to_string()))
     }
 

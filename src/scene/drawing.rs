@@ -38,15 +38,18 @@ impl Stage {
     }
 
     /// What is seen of the body's boundary at the point `pixel` of the picture, where the body is
-    /// now; none where the ray through it misses. Reads 36 bytes back.
+    /// now; none where the ray through it misses. Where the device moved the nodes it waits and
+    /// reads 36 bytes back; of a body on the processor it is what was put out last.
     ///
     /// # Errors
     /// As [`Geometry::pick`](crate::render::Geometry::pick).
     pub fn pick(&mut self, pixel: DVec2) -> Result<Option<Pick>> {
         self.publish_now()?;
-        self.raycaster
-            .geometry()
-            .pick(&self.camera, pixel, self.size)
+        let geometry = self.raycaster.geometry();
+        match self.drive.nodes().put() {
+            Some(positions) => geometry.pick_at(&positions, &self.camera, pixel, self.size),
+            None => geometry.pick(&self.camera, pixel, self.size),
+        }
     }
 
     /// The picture, as the scene describes it: the last one, where neither body nor camera has

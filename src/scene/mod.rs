@@ -82,6 +82,7 @@ pub use region::{Axis, LabelOrName, Region};
 pub use source::ScalarField;
 pub use stage::{STEPS, Stage};
 
+use crate::files;
 use crate::physics::EngineChoice;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -217,7 +218,7 @@ impl Scene {
     }
 
     fn read_file(path: &Path) -> Result<Scene> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = files::read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Scene::parse_in(&text, folder).map_err(|e| Error::format(path, e.to_string()))
     }

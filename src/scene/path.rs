@@ -1,7 +1,7 @@
 //! Paths of attachments and cutters: places at times, linear between them.
 
 use super::Course;
-use crate::{Error, Result};
+use crate::{Error, Result, files};
 use glam::{DQuat, DVec3};
 use std::path::Path;
 
@@ -33,7 +33,7 @@ const HEADER: &str = "time_s,x,y,z";
 
 /// Reads a path from a CSV file.
 pub(super) fn read_path(file: &Path) -> Result<Vec<[f64; 4]>> {
-    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+    let text = files::read_text(file)?;
     let mut lines = text.lines().enumerate();
     let header = lines.next().map(|(_, line)| line.replace(' ', ""));
     if header.as_deref() != Some(HEADER) {

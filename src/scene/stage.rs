@@ -616,6 +616,15 @@ impl Stage {
         series.push_deformed(self.time(), self.mesh(), &positions, &fields)
     }
 
+    /// Where the nodes of the mesh are in the last picture, in file units. Of a body on the processor
+    /// that is known without waiting for a step under way; of others it is read back.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn drawn_positions(&self) -> Result<Vec<DVec3>> {
+        self.drive.nodes().positions()
+    }
+
     /// Where the nodes of the mesh are, in file units, read back.
     fn positions(&self) -> Result<Vec<DVec3>> {
         match &self.drive {

@@ -1,5 +1,6 @@
 //! Pictures that lie on a skin: normal maps and height maps.
 
+use crate::files;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 use std::path::Path;
@@ -31,7 +32,7 @@ impl Map {
     }
 
     fn read_file(path: &Path) -> Result<Map> {
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let bytes = files::read(path)?;
         let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes));
         reader.set_format(image::ImageFormat::Png);
         let mut limits = image::Limits::default();

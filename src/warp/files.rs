@@ -4,11 +4,10 @@ use super::cover::Plane;
 use super::field::lps;
 use super::image::Sampler;
 use super::{Coverage, Warp, WarpOptions};
-use crate::io::{Layout, VolumeFormat, VolumeStream, atomic_write};
+use crate::io::{Layout, OutFile, VolumeFormat, VolumeStream, atomic_write};
 use crate::mesh::ScalarType;
 use crate::volume::{Grid, Volume};
 use crate::{Error, Result};
-use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
@@ -221,7 +220,7 @@ fn opened(
     let Some(path) = path else {
         return fill(None);
     };
-    atomic_write(path, |file: &mut BufWriter<File>| {
+    atomic_write(path, |file: &mut BufWriter<OutFile>| {
         fill(Some(VolumeStream::begin(path, layout, file)?))
     })
 }

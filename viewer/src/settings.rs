@@ -37,36 +37,28 @@ pub struct Settings {
     pub theme: Theme,
     /// Files that were opened, the last one first.
     pub recent: Vec<PathBuf>,
-    #[serde(skip)]
-    file: Option<PathBuf>,
 }
 
 impl Settings {
-    /// Those that were written last; the usual ones where there are none, or none that can be read.
+    /// Those that were written last. What of them makes no sense is as usual, and the rest is kept.
     pub fn read() -> Settings {
-        let Some(file) = place() else {
-            return Settings::default();
-        };
-        let text = std::fs::read_to_string(&file).unwrap_or_default();
-        Settings {
-            file: Some(file),
-            ..serde_json::from_str(&text).unwrap_or_default()
-        }
+        Settings::of(&system::stored_settings().unwrap_or_default())
     }
 
-    /// Writes them. Where that cannot be, nothing is remembered.
+    fn of(text: &str) -> Settings {
+        let mut settings = Settings::default();
+        let all: serde_json::Value = serde_json::from_str(text).unwrap_or_default();
+        let one = |key: &str| all.get(key).cloned().unwrap_or_default();
+        settings.habit = serde_json::from_value(one("habit")).unwrap_or_default();
+        settings.theme = serde_json::from_value(one("theme")).unwrap_or_default();
+        settings.recent = serde_json::from_value(one("recent")).unwrap_or_default();
+        settings
+    }
+
+    /// Writes them.
     pub fn write(&self) {
-        let Some(file) = &self.file else { return };
-        let folder = file.parent().unwrap_or(Path::new("."));
-        if std::fs::create_dir_all(folder).is_ok()
-            && let Ok(text) = serde_json::to_string_pretty(self)
-        {
-            // Losing them is no reason to trouble anybody.
-            let _ = palpate::io::atomic_write(file, |out| {
-                use std::io::Write;
-                out.write_all(text.as_bytes())
-                    .map_err(palpate::Error::io(file))
-            });
+        if let Ok(text) = serde_json::to_string_pretty(self) {
+            system::store_settings(&text);
         }
     }
 
@@ -79,23 +71,6 @@ impl Settings {
     }
 }
 
-/// Where they are kept: `PALPATE_VIEW_SETTINGS`, or a file in the folder that the system has for such.
-fn place() -> Option<PathBuf> {
-    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
-    if let Some(file) = variable("PALPATE_VIEW_SETTINGS") {
-        return Some(file.into());
-    }
-    let folder = match std::env::consts::OS {
-        "windows" => PathBuf::from(variable("APPDATA")?),
-        "macos" => PathBuf::from(variable("HOME")?).join("Library/Application Support"),
-        _ => match variable("XDG_CONFIG_HOME") {
-            Some(folder) => folder.into(),
-            None => PathBuf::from(variable("HOME")?).join(".config"),
-        },
-    };
-    Some(folder.join("palpate").join("view.json"))
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -103,27 +78,22 @@ mod tests {
 
     #[test]
     fn they_are_read_as_they_were_written_and_old_ones_too() {
-        let dir = tempfile::tempdir().unwrap();
-        let file = dir.path().join("a/view.json");
         let mut settings = Settings {
             habit: Habit::Slicer,
-            file: Some(file.clone()),
             ..Settings::default()
         };
         for name in ["a.vtu", "b.vtu", "a.vtu"] {
-            settings.opened(Path::new(name));
+            settings.note(Path::new(name));
         }
         assert_eq!(settings.recent, [Path::new("a.vtu"), Path::new("b.vtu")]);
-        let text = std::fs::read_to_string(&file).unwrap();
-        let read: Settings = serde_json::from_str(&text).unwrap();
-        assert_eq!(
-            Settings {
-                file: Some(file),
-                ..read
-            },
-            settings
-        );
-        let old: Settings = serde_json::from_str(r#"{"theme": "Light"}"#).unwrap();
+        let text = serde_json::to_string_pretty(&settings).unwrap();
+        assert_eq!(Settings::of(&text), settings);
+        let old = Settings::of(r#"{"theme": "Light"}"#);
         assert_eq!((old.theme, old.habit), (Theme::Light, Habit::ParaView));
+        // One word that is not known takes nothing else away.
+        let newer = Settings::of(r#"{"theme": "Sepia", "habit": "Slicer", "recent": ["a"]}"#);
+        assert_eq!((newer.theme, newer.habit), (Theme::Dark, Habit::Slicer));
+        assert_eq!(newer.recent, [Path::new("a")]);
+        assert_eq!(Settings::of("nonsense"), Settings::default());
     }
 }

@@ -445,15 +445,11 @@ impl Show {
 
     /// Which way is out of the body around a pick: of faces about as far away as the finger is wide.
     fn outward(&self, pick: &Pick, sight: DVec3) -> Result<DVec3> {
-        let motion = self.stage.motion();
-        let x = motion.map_or_else(|| Ok(self.mesh.nodes.clone()), |m| m.positions())?;
-        let (mesh, topology) = (
-            self.stage.mesh(),
-            match motion {
-                Some(motion) => motion.simulator.topology(),
-                None => return Ok(-sight),
-            },
-        );
+        let x = self.stage.drawn_positions()?;
+        let (mesh, topology) = match self.stage.motion() {
+            Some(motion) => (self.stage.mesh(), motion.simulator.topology()),
+            None => return Ok(-sight),
+        };
         let mut out = DVec3::ZERO;
         for face in &topology.boundary {
             let [a, b, c] = topology.boundary_nodes(mesh, *face).map(|v| x[v as usize]);
@@ -524,8 +520,8 @@ impl Show {
     /// [`Error::Input`] where nothing moves.
     pub fn pin(&mut self, pick: &Pick) -> Result<usize> {
         let radius = self.radius;
+        let x = self.stage.drawn_positions()?;
         let motion = self.stage.motion_mut().ok_or_else(still)?;
-        let x = motion.positions()?;
         let near = |(v, x): (usize, &DVec3)| (x.distance(pick.point) <= radius).then_some(v as u32);
         let mut nodes: Vec<u32> = x.iter().enumerate().filter_map(near).collect();
         if nodes.is_empty() {

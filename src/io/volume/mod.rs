@@ -17,6 +17,7 @@ pub(crate) use stream::{VolumeFormat, VolumeStream};
 pub use write::write_volume;
 
 use super::cursor::Parse;
+use crate::files;
 use crate::volume::Volume;
 use crate::{Error, Result};
 use std::path::Path;
@@ -44,18 +45,9 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
             Some(extension) => path.with_extension(extension),
             None => path.with_file_name("").join(name.trim()),
         };
-        data_file(&file).map_err(|e| format!("its data file cannot be read: {e}"))
+        files::read_regular(&file).map_err(|e| format!("its data file cannot be read: {e}"))
     };
     volume_of(&bytes, &extension(path), &fetch).map_err(|e| Error::format(path, e))
-}
-
-/// All bytes of a data file, whatever they are.
-fn data_file(path: &Path) -> Result<Vec<u8>> {
-    let about = std::fs::metadata(path).map_err(Error::io(path))?;
-    match about.is_file() {
-        true => std::fs::read(path).map_err(Error::io(path)),
-        false => Err(Error::format(path, "this is not a regular file")),
-    }
 }
 
 /// What the name of a file says of its format: its extension, `nii` for `.nii.gz`.

@@ -5,11 +5,13 @@
 //! side.
 
 use super::header::Layout;
+use crate::files::OutFile;
 use crate::io::extension;
 use crate::parallel;
 use crate::{Error, Result};
 use flate2::write::ZlibEncoder;
 use flate2::{Compress, Compression, Crc, FlushCompress};
+#[cfg(not(target_arch = "wasm32"))]
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
@@ -127,7 +129,7 @@ enum Packed {
 /// A volume on its way into a file: voxels are pushed in their order, then it is ended.
 pub(crate) struct VolumeStream<'a> {
     path: &'a Path,
-    out: &'a mut BufWriter<File>,
+    out: &'a mut BufWriter<OutFile>,
     layout: Layout<'a>,
     packed: Packed,
 }
@@ -137,7 +139,7 @@ impl<'a> VolumeStream<'a> {
     pub fn begin(
         path: &'a Path,
         layout: Layout<'a>,
-        out: &'a mut BufWriter<File>,
+        out: &'a mut BufWriter<OutFile>,
     ) -> Result<VolumeStream<'a>> {
         let format = VolumeFormat::of(path)?;
         // The last digits of displacements are noise, which no effort packs.
@@ -241,7 +243,7 @@ impl<'a> VolumeStream<'a> {
     }
 }
 
-fn append(spool: &mut Spool, out: &mut BufWriter<File>) -> io::Result<()> {
+fn append(spool: &mut Spool, out: &mut BufWriter<OutFile>) -> io::Result<()> {
     spool.rewind()?;
     io::copy(spool, out).map(|_| ())
 }

@@ -165,6 +165,10 @@ impl CpuTets {
             .collect()
     }
 
+    fn file(&self, metres: &[DVec3]) -> Vec<DVec3> {
+        metres.iter().map(|x| self.network.to_file(*x)).collect()
+    }
+
     fn speeds(&self, velocities: &[DVec3]) -> Vec<DVec3> {
         let unit = self.network.length_unit;
         velocities.iter().map(|v| *v * unit).collect()
@@ -438,7 +442,7 @@ impl Simulator for CpuTets {
 
     fn positions(&self) -> Result<Vec<DVec3>> {
         let metres = self.worker.body().positions();
-        Ok(metres.iter().map(|x| self.network.to_file(*x)).collect())
+        Ok(self.file(&metres))
     }
 
     fn forces(&mut self) -> Result<Vec<DVec3>> {
@@ -489,7 +493,8 @@ impl Simulator for CpuTets {
     }
 
     fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
-        let positions = self.positions()?;
+        // As they were before a step under way: nobody waits for that.
+        let positions = self.file(&self.worker.positions());
         self.loads
             .grab(&positions, |_| true, (centre, radius), grip)
     }

@@ -118,6 +118,18 @@ impl<B: Stepped + ?Sized> Worker<B> {
         lock(&self.shared.body)
     }
 
+    /// Where the body is, in metres, as far as it is known without waiting for a step under way.
+    pub fn positions(&self) -> Vec<DVec3> {
+        if let Ok(body) = self.shared.body.try_lock() {
+            return body.positions();
+        }
+        let published = lock(&self.shared.published).positions.clone();
+        match published.is_empty() {
+            true => self.body().positions(),
+            false => published,
+        }
+    }
+
     /// Asks for something.
     ///
     /// # Errors

@@ -125,6 +125,7 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
     let mut random = Random::new(5);
     for camera in cameras(0.5 * (low + high)) {
         let (mut tally, mut at_rest) = (Tally::default(), Tally::default());
+        let (mut on_processor, mut same) = (Tally::default(), 0);
         for _ in 0..250 {
             let pixel = DVec2::new(random.between(0.0, 160.0), random.between(0.0, 120.0));
             let before = gpu.readbacks();
@@ -137,11 +138,18 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
             }
             tally.count(found, &camera, pixel, &bent, &faces);
             at_rest.count(None, &camera, pixel, &mesh.nodes, &faces);
+            let there = geometry.pick_at(&bent, &camera, pixel, SIZE).unwrap();
+            assert_eq!(gpu.readbacks(), before + 1);
+            same += usize::from(there.map(|p| (p.tet, p.face)) == found.map(|p| (p.tet, p.face)));
+            on_processor.count(there, &camera, pixel, &bent, &faces);
         }
         println!("{tally:?}");
         assert!(tally.hits > 50, "{tally:?}");
         assert!(tally.wrong == 0 && tally.differ <= 3, "{tally:?}");
         assert!(tally.apart < NEAR, "{tally:?}");
+        // By the processor it is float64.
+        assert!(same >= 247 && on_processor.apart < 1e-9, "{same} {on_processor:?}");
+        assert!(on_processor.wrong == 0 && on_processor.differ == 0, "{on_processor:?}");
         // The comparison tells a body that is not bent, of which nothing was picked.
         assert!(at_rest.wrong > 10, "{at_rest:?}");
     }
@@ -167,6 +175,7 @@ fn one_pixel_beside_is_another_point() {
     assert!(tally.wrong > 0 && tally.apart > 1e-3, "{tally:?}");
     for bad in [DVec2::new(-1.0, 3.0), DVec2::new(3.0, 121.0), DVec2::NAN] {
         assert!(geometry.pick(&camera, bad, SIZE).is_err());
+        assert!(geometry.pick_at(&bent, &camera, bad, SIZE).is_err());
     }
 }
 

@@ -1,0 +1,94 @@
+//! Edits of the scene, which the body follows, and their undo.
+
+use crate::app::App;
+use crate::show::Show;
+use eframe::egui;
+use palpate::Result;
+use palpate::scene::Scene;
+use toml_edit::DocumentMut;
+
+impl App {
+    /// Edits how the body looks; it follows at once.
+    pub(crate) fn edit_looks(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) {
+        let result = self.try_edit(what, change, Show::set_looks);
+        self.tell_error(result);
+    }
+
+    /// The same of planes and isosurfaces, as they are dragged.
+    pub(crate) fn edit_planes(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) {
+        let result = self.try_edit(what, change, Show::set_planes);
+        self.tell_error(result);
+    }
+
+    fn try_edit(
+        &mut self,
+        what: &str,
+        change: impl FnOnce(&mut DocumentMut),
+        follow: fn(&mut Show, &Scene) -> Result<()>,
+    ) -> Result<()> {
+        let Some(document) = &mut self.document else {
+            return Ok(());
+        };
+        let before = document.clone();
+        let scene = document.edit(what, change)?;
+        let Some(show) = &mut self.show else {
+            return Ok(());
+        };
+        if let Err(why) = follow(show, &scene) {
+            *document = before;
+            return Err(why);
+        }
+        Ok(())
+    }
+
+    /// Edits what the body is made of, or how it moves: it begins anew.
+    pub(crate) fn edit_body(
+        &mut self,
+        what: &str,
+        context: &egui::Context,
+        change: impl FnOnce(&mut DocumentMut),
+    ) {
+        let Some(document) = &mut self.document else {
+            return;
+        };
+        let before = document.clone();
+        match document.edit(what, change) {
+            Ok(_) => self.restart(None, Some(before), context),
+            Err(why) => self.tell_error(Err(why)),
+        }
+    }
+
+    /// Undoes the last edit, or with `again` the last undo.
+    pub(crate) fn undo(&mut self, again: bool, context: &egui::Context) {
+        let result = self.try_undo(again, context);
+        self.tell_error(result);
+    }
+
+    fn try_undo(&mut self, again: bool, context: &egui::Context) -> Result<()> {
+        let Some(document) = &mut self.document else {
+            return Ok(());
+        };
+        let before = document.clone();
+        if !document.step_back(again)? {
+            return Ok(());
+        }
+        if document.body() != before.body() {
+            self.restart(None, Some(before), context);
+            return Ok(());
+        }
+        let scene = document.scene()?;
+        let Some(show) = &mut self.show else {
+            return Ok(());
+        };
+        if let Err(why) = show.set_looks(&scene) {
+            *document = before;
+            return Err(why);
+        }
+        Ok(())
+    }
+
+    /// The scene, as it is open.
+    pub(crate) fn scene(&self) -> Option<Scene> {
+        self.document.as_ref().and_then(|d| d.scene().ok())
+    }
+}

@@ -1,0 +1,124 @@
+//! A desktop: the file system, dialogs of the system, threads.
+
+use super::{Chosen, OPENED, Place, Wish, foremost};
+use eframe::egui;
+use palpate::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Whether there is a dialog to say where to save.
+pub(crate) const ASKS: bool = true;
+
+/// Does something that takes a while on a thread of its own.
+pub(crate) fn later(work: impl FnOnce() + Send + 'static) {
+    std::thread::spawn(work);
+}
+
+/// The whole path of a file.
+///
+/// # Errors
+/// [`Error::Io`] where there is no current folder.
+pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
+    std::path::absolute(file).map_err(Error::io(file))
+}
+
+/// Has the system's dialog ask for a file to open.
+pub(crate) fn choose_file(wish: Wish) {
+    let dialog = rfd::AsyncFileDialog::new()
+        .set_title("Open a mesh, a volume, a surface or a scene")
+        .add_filter("All that can be opened", &OPENED)
+        .add_filter("All files", &["*"]);
+    wait_for(dialog.pick_file(), Chosen::Open, wish);
+}
+
+/// Has the system's dialog ask where to save.
+pub(crate) fn choose_place(place: &Place<'_>, wish: Wish) {
+    let mut dialog = rfd::AsyncFileDialog::new()
+        .set_title(place.title)
+        .add_filter(place.kinds[0], place.kinds);
+    if let Some(name) = place.path.file_name() {
+        dialog = dialog.set_file_name(name.to_string_lossy());
+    }
+    if let Some(folder) = place.path.parent() {
+        dialog = dialog.set_directory(folder);
+    }
+    wait_for(dialog.save_file(), Chosen::Place, wish);
+}
+
+/// Hands on what a dialog is closed with.
+fn wait_for(
+    dialog: impl Future<Output = Option<rfd::FileHandle>> + Send + 'static,
+    chosen: fn(PathBuf) -> Chosen,
+    wish: Wish,
+) {
+    later(move || {
+        if let Some(file) = pollster::block_on(dialog) {
+            wish.grant(chosen(file.path().to_path_buf()));
+        }
+    });
+}
+
+/// Opens what was dropped on the window.
+pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &Wish) {
+    let files = files.iter().map(|f| f.path().to_path_buf()).collect();
+    if let Some(file) = foremost(files) {
+        wish.grant(Chosen::Open(file));
+    }
+}
+
+/// Hands a file over that was saved: it is where it was saved.
+pub(crate) fn hand_over(_: &Path) -> Result<()> {
+    Ok(())
+}
+
+/// The settings that were stored last.
+pub(crate) fn stored_settings() -> Option<String> {
+    std::fs::read_to_string(settings_file()?).ok()
+}
+
+/// Stores settings. Where that cannot be, nothing is remembered, which is no reason to trouble anybody.
+pub(crate) fn store_settings(text: &str) {
+    let Some(file) = settings_file() else { return };
+    let folder = file.parent().unwrap_or(Path::new("."));
+    if std::fs::create_dir_all(folder).is_ok() {
+        let _ = palpate::io::atomic_write(&file, |out| {
+            use std::io::Write;
+            out.write_all(text.as_bytes()).map_err(Error::io(&file))
+        });
+    }
+}
+
+/// Where they are kept: `PALPATE_VIEW_SETTINGS`, or a file in the folder that the system has for such.
+fn settings_file() -> Option<PathBuf> {
+    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
+    if let Some(file) = variable("PALPATE_VIEW_SETTINGS") {
+        return Some(file.into());
+    }
+    let folder = match std::env::consts::OS {
+        "windows" => PathBuf::from(variable("APPDATA")?),
+        "macos" => PathBuf::from(variable("HOME")?).join("Library/Application Support"),
+        _ => match variable("XDG_CONFIG_HOME") {
+            Some(folder) => folder.into(),
+            None => PathBuf::from(variable("HOME")?).join(".config"),
+        },
+    };
+    Some(folder.join("palpate").join("view.json"))
+}
+
+/// Puts files ready that a scene of the viewer's own reads. The folder they are in.
+///
+/// # Errors
+/// [`Error::Io`] where they cannot be written.
+pub(crate) fn put_ready(files: &[(&str, &[u8])]) -> Result<PathBuf> {
+    use std::io::Write;
+    let folder = std::env::temp_dir().join(concat!("palpate-examples-", env!("CARGO_PKG_VERSION")));
+    std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+    for (name, bytes) in files {
+        let file = folder.join(name);
+        if std::fs::metadata(&file).map_or(0, |m| m.len()) != bytes.len() as u64 {
+            palpate::io::atomic_write(&file, |out| {
+                out.write_all(bytes).map_err(Error::io(&file))
+            })?;
+        }
+    }
+    Ok(folder)
+}

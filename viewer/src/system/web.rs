@@ -1,0 +1,150 @@
+//! A browser: files that were chosen, dropped or fetched are put ready in memory, and those that are
+//! saved are downloaded. There is one thread.
+
+use super::{Chosen, OPENED, Place, Wish, foremost};
+use eframe::egui;
+use js_sys::{Array, Uint8Array};
+use palpate::{Error, Result, io};
+use std::path::{Path, PathBuf};
+use wasm_bindgen::prelude::*;
+use wasm_bindgen_futures::{JsFuture, spawn_local};
+
+/// Whether there is a dialog to say where to save: what is saved is downloaded.
+pub(crate) const ASKS: bool = false;
+
+/// Where settings are kept.
+const SETTINGS: &str = "palpate.view";
+/// So many milliseconds pass before work that takes a while, in which a frame says what it will be.
+const BEFORE: i32 = 40;
+
+/// Does something that takes a while, once what is going to be done was shown.
+pub(crate) fn later(work: impl FnOnce() + 'static) {
+    spawn_local(async move {
+        let pause = js_sys::Promise::new(&mut |done, _| {
+            if let Some(window) = web_sys::window() {
+                let _ = window.set_timeout_with_callback_and_timeout_and_arguments_0(&done, BEFORE);
+            }
+        });
+        let _ = JsFuture::from(pause).await;
+        work();
+    });
+}
+
+/// The name of a file that was put ready.
+pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
+    Ok(file.to_path_buf())
+}
+
+/// Has the browser ask for files to open.
+pub(crate) fn choose_file(wish: Wish) {
+    let Some(input) = file_input() else { return };
+    let endings: Vec<String> = OPENED.iter().map(|e| format!(".{e}")).collect();
+    input.set_type("file");
+    input.set_multiple(true);
+    input.set_accept(&endings.join(","));
+    let chosen = input.clone();
+    let take = Closure::once_into_js(move || {
+        let files = chosen.files();
+        let count = files.as_ref().map_or(0, web_sys::FileList::length);
+        let files: Vec<web_sys::File> = (0..count)
+            .filter_map(|i| files.as_ref()?.get(i))
+            .collect();
+        spawn_local(async move {
+            let mut names = Vec::new();
+            for file in files {
+                match JsFuture::from(file.array_buffer()).await {
+                    Ok(buffer) => {
+                        let bytes = Uint8Array::new(&buffer).to_vec();
+                        io::put(file.name(), bytes);
+                        names.push(PathBuf::from(file.name()));
+                    }
+                    Err(_) => return wish.grant(unreadable(&file.name())),
+                }
+            }
+            if let Some(file) = foremost(names) {
+                wish.grant(Chosen::Open(file));
+            }
+        });
+    });
+    input.set_onchange(Some(take.unchecked_ref()));
+    input.click();
+}
+
+fn file_input() -> Option<web_sys::HtmlInputElement> {
+    let document = web_sys::window()?.document()?;
+    document.create_element("input").ok()?.dyn_into().ok()
+}
+
+fn unreadable(name: &str) -> Chosen {
+    Chosen::Failed(format!("{name}: the browser cannot read it"))
+}
+
+/// What is saved is downloaded under the name proposed, without a dialog.
+pub(crate) fn choose_place(place: &Place<'_>, wish: Wish) {
+    wish.grant(Chosen::Place(place.path.to_path_buf()));
+}
+
+/// Opens what was dropped on the page.
+pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &Wish) {
+    let (files, wish) = (files.to_vec(), wish.clone());
+    spawn_local(async move {
+        let mut names = Vec::new();
+        for file in files {
+            let path = file.path().to_path_buf();
+            match file.bytes_async().await {
+                Ok(bytes) => io::put(&path, bytes),
+                Err(_) => return wish.grant(unreadable(&path.to_string_lossy())),
+            }
+            names.push(path);
+        }
+        if let Some(file) = foremost(names) {
+            wish.grant(Chosen::Open(file));
+        }
+    });
+}
+
+/// Hands a file over that was saved: it is downloaded.
+pub(crate) fn hand_over(file: &Path) -> Result<()> {
+    let Some(bytes) = io::take(file) else {
+        return Ok(());
+    };
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    download(&name, &bytes)
+        .ok_or_else(|| Error::Input(format!("{name}: the browser does not download it")))
+}
+
+fn download(name: &str, bytes: &[u8]) -> Option<()> {
+    let parts = Array::of1(&Uint8Array::from(bytes));
+    let blob = web_sys::Blob::new_with_u8_array_sequence(&parts).ok()?;
+    let url = web_sys::Url::create_object_url_with_blob(&blob).ok()?;
+    let document = web_sys::window()?.document()?;
+    let link: web_sys::HtmlAnchorElement = document.create_element("a").ok()?.dyn_into().ok()?;
+    link.set_href(&url);
+    link.set_download(name);
+    link.click();
+    web_sys::Url::revoke_object_url(&url).ok()
+}
+
+fn storage() -> Option<web_sys::Storage> {
+    web_sys::window()?.local_storage().ok()?
+}
+
+/// The settings that were stored last.
+pub(crate) fn stored_settings() -> Option<String> {
+    storage()?.get_item(SETTINGS).ok()?
+}
+
+/// Stores settings; where the browser does not let us, nothing is remembered.
+pub(crate) fn store_settings(text: &str) {
+    if let Some(storage) = storage() {
+        let _ = storage.set_item(SETTINGS, text);
+    }
+}
+
+/// Puts files ready that a scene of the viewer's own reads. The folder they are in.
+pub(crate) fn put_ready(files: &[(&str, &[u8])]) -> Result<PathBuf> {
+    for (name, bytes) in files {
+        io::put(name, bytes.to_vec());
+    }
+    Ok(PathBuf::new())
+}
