@@ -49,11 +49,20 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
         .ok_or_else(|| Error::io(path)(std::io::Error::from(std::io::ErrorKind::NotFound)))
 }
 
+/// Whether there is something of this name to be read.
+pub fn exists(path: impl AsRef<Path>) -> bool {
+    #[cfg(not(target_arch = "wasm32"))]
+    return path.as_ref().exists();
+    #[cfg(target_arch = "wasm32")]
+    return held::get(path.as_ref()).is_some();
+}
+
 /// The text of a file.
 ///
 /// # Errors
-/// As [`read`]; [`Error::Io`] where it is not UTF-8.
-pub(crate) fn read_text(path: &Path) -> Result<String> {
+/// [`Error::Io`] where it cannot be read, or is not UTF-8.
+pub fn read_text(path: impl AsRef<Path>) -> Result<String> {
+    let path = path.as_ref();
     let text = String::from_utf8(read(path)?);
     text.map_err(|e| Error::io(path)(std::io::Error::new(std::io::ErrorKind::InvalidData, e)))
 }

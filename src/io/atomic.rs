@@ -4,7 +4,9 @@ use crate::files::OutFile;
 use crate::{Error, Result};
 #[cfg(not(target_arch = "wasm32"))]
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
+#[cfg(not(target_arch = "wasm32"))]
+use std::io::Write;
 use std::path::Path;
 #[cfg(not(target_arch = "wasm32"))]
 use std::path::PathBuf;

@@ -56,7 +56,7 @@ pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
 pub use volume::{read_volume, write_volume};
 
 use crate::files;
-pub use crate::files::OutFile;
+pub use crate::files::{OutFile, exists, read_text};
 #[cfg(target_arch = "wasm32")]
 pub use crate::files::{put, take};
 use crate::mesh::TetMesh;

@@ -253,6 +253,20 @@ impl Stage {
         image.save_as(path, self.background, self.bits)
     }
 
+    /// Saves a picture that [`Stage::ask_image`] asked for, as [`Stage::save`] would: a PNG with what
+    /// the scene asks to be drawn onto it.
+    ///
+    /// # Errors
+    /// As [`Image::save_as`].
+    pub fn save_asked(&self, mut image: Image, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        let annotations = self.annotations();
+        if !(annotations.is_empty() || is_exr(path)) {
+            annotations.draw(&mut image, &self.camera, self.background)?;
+        }
+        image.save_as(path, self.background, self.bits)
+    }
+
     /// Adds the picture to `film`, with what the scene asks to be drawn onto it and on its
     /// background.
     ///

@@ -2,7 +2,7 @@
 
 use super::picture::DisplayMode;
 use super::stage::{Drive, Stage};
-use crate::gpu::Recorder;
+use crate::gpu::{Pending, Recorder};
 use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
 use crate::{Error, Result};
 use glam::DVec2;
@@ -12,6 +12,32 @@ pub(super) struct CachedFrame {
     version: u64,
     camera: Camera,
     image: Image,
+}
+
+/// A picture on its way from the device; see [`Stage::ask_image`].
+#[derive(Debug)]
+pub struct PendingImage {
+    size: [u32; 2],
+    pixels: Pending<[u8; 4]>,
+}
+
+impl PendingImage {
+    /// The picture, once it has arrived.
+    ///
+    /// # Errors
+    /// As [`Pending::look`].
+    pub fn look(&mut self) -> Result<Option<Image>> {
+        let pixels = self.pixels.look()?;
+        Ok(pixels.map(|pixels| Image {
+            size: self.size,
+            channels: 4,
+            values: pixels
+                .iter()
+                .flatten()
+                .map(|byte| f32::from(*byte) / 255.0)
+                .collect(),
+        }))
+    }
 }
 
 impl Stage {
@@ -173,6 +199,27 @@ impl Stage {
                 self.surface.record(work, &self.camera, &target)
             }
         }
+    }
+
+    /// Asks for the picture as [`Stage::record`] draws it, on nothing, and waits for none of it: who
+    /// cannot wait, as in a browser, looks when it is there. Each channel has eight bits.
+    ///
+    /// # Errors
+    /// As [`Stage::record`].
+    pub fn ask_image(&mut self) -> Result<PendingImage> {
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let format = wgpu::TextureFormat::Rgba8Unorm;
+        let target = self.gpu.target("picture", self.size, format, usage)?;
+        let backdrop = std::mem::replace(&mut self.backdrop, [0.0; 4]);
+        let mut work = self.gpu.record();
+        let recorded = self.record(&mut work, &target);
+        self.backdrop = backdrop;
+        recorded?;
+        work.submit()?;
+        Ok(PendingImage {
+            size: self.size,
+            pixels: self.gpu.ask_texture(target.texture())?,
+        })
     }
 
     /// A depth attachment of the size of `colour`, kept for the next picture.

@@ -70,6 +70,7 @@ mod xray;
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
 pub(crate) use checkpoint::of_scene;
+pub use drawing::PendingImage;
 pub use entries::*;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 #[cfg(feature = "study")]

@@ -1,33 +1,33 @@
 //! The window: what is open, and a frame of the interface.
 
-use crate::ask::{Ask, Chosen, Saved};
+use crate::ask::Ask;
 use crate::document::Document;
 use crate::examples::Example;
 use crate::hand::{Area, Hand, Stroke};
 use crate::histogram::Histogram;
 use crate::loading::Loading;
 use crate::log::{Frame, FrameLog, memory_mb};
+use crate::opening::Watched;
 use crate::orbit::Orbit;
+use crate::saving::SavedPicture;
 use crate::screen::Screen;
 use crate::settings::{Settings, Theme};
 use crate::show::Show;
-use eframe::egui::{self, Color32, Pos2, Rect, Sense, Stroke as Line};
+use crate::system::Chosen;
+use eframe::egui;
 use eframe::egui_wgpu::{SurfaceConfig, WgpuConfiguration, WgpuSetupCreateNew};
 use glam::DVec3;
+use palpate::Result;
 use palpate::gpu::Gpu;
 use palpate::render::Camera;
-use palpate::scene::Scene;
-use palpate::{Error, Result};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::{Duration, Instant, SystemTime};
-use toml_edit::DocumentMut;
+use std::time::Duration;
+use web_time::Instant;
 
 /// How deep strokes cut where nobody chose, over the body's diagonal.
 const CUT_DEPTH: f64 = 0.1;
-/// How often the file that is open is looked at.
-const LOOK: Duration = Duration::from_secs(1);
 /// Width of the tools at the left, in points.
 const HANDS: f32 = 72.0;
 
@@ -35,18 +35,54 @@ const HANDS: f32 = 72.0;
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// What is opened.
-    pub file: Option<PathBuf>,
-    /// Or the example that is; the limb where neither is said.
-    pub example: Option<String>,
-    /// Size of the window, in points.
-    pub size: [u32; 2],
+    pub open: Opened,
     /// Where to write what each frame took.
     pub log: Option<PathBuf>,
 }
 
+/// What is opened first.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Opened {
+    /// Nothing yet.
+    #[default]
+    Nothing,
+    /// A file.
+    File(PathBuf),
+    /// The example of this name.
+    Example(String),
+}
+
+/// What the window's device is made with: the limits that Palpate keeps to.
+pub(crate) fn device() -> WgpuConfiguration {
+    let mut setup = WgpuSetupCreateNew::without_display_handle();
+    setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
+    setup.instance_descriptor.flags = wgpu::InstanceFlags::empty();
+    setup.device_descriptor = Arc::new(|adapter| wgpu::DeviceDescriptor {
+        label: Some("palpate-view"),
+        required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+        required_limits: wgpu::Limits::default(),
+        ..Default::default()
+    });
+    let surface = SurfaceConfig {
+        present_mode: wgpu::PresentMode::AutoNoVsync,
+        ..SurfaceConfig::LOW_LATENCY
+    };
+    WgpuConfiguration {
+        surface,
+        wgpu_setup: setup.into(),
+        ..WgpuConfiguration::default()
+    }
+}
+
+/// Who is told of every frame.
+pub(crate) type Told = Box<dyn FnMut(&Frame)>;
+
 /// The window.
 pub struct App {
     pub(crate) gpu: Gpu,
+    /// The interface, for who draws no frame of it.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) context: egui::Context,
     pub(crate) document: Option<Document>,
     pub(crate) loading: Option<Loading>,
     pub(crate) show: Option<Show>,
@@ -68,9 +104,13 @@ pub struct App {
     /// What is said in the status line, and whether it is an error.
     pub(crate) said: (String, bool),
     pub(crate) chosen: (Sender<Chosen>, Receiver<Chosen>),
-    screen: Screen,
-    watched: Option<(PathBuf, Option<SystemTime>, Instant)>,
+    pub(crate) screen: Screen,
+    pub(crate) watched: Option<Watched>,
+    /// A picture that is saved as soon as it is there.
+    pub(crate) saved_picture: Option<SavedPicture>,
     log: Option<FrameLog>,
+    /// Told of every frame.
+    pub(crate) told: Option<Told>,
     frames: Frames,
 }
 
@@ -83,56 +123,8 @@ struct Frames {
     ui_ms: f64,
 }
 
-/// Opens a window.
-///
-/// # Errors
-/// In words, where there is no display, no device, or no log can be written.
-pub fn run(options: Options) -> std::result::Result<(), String> {
-    let [width, height] = options.size.map(|n| n as f32);
-    let native = eframe::NativeOptions {
-        viewport: egui::ViewportBuilder::default()
-            .with_app_id("palpate-view")
-            .with_inner_size([width, height])
-            .with_drag_and_drop(true),
-        wgpu_options: device(),
-        ..eframe::NativeOptions::default()
-    };
-    eframe::run_native(
-        "Palpate",
-        native,
-        Box::new(move |creation| Ok(Box::new(App::new(creation, &options)?))),
-    )
-    .map_err(|e| {
-        format!(
-            "no window could be opened: {e}; it needs a display (X11, or Wayland with XWayland) and a Vulkan driver (on Debian: apt install mesa-vulkan-drivers)"
-        )
-    })
-}
-
-/// What the window's device is made with: the limits that Palpate keeps to.
-fn device() -> WgpuConfiguration {
-    let mut setup = WgpuSetupCreateNew::without_display_handle();
-    setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
-    setup.instance_descriptor.flags = wgpu::InstanceFlags::empty();
-    setup.device_descriptor = Arc::new(|adapter| wgpu::DeviceDescriptor {
-        label: Some("palpate-view"),
-        required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
-        required_limits: wgpu::Limits::default(),
-        ..Default::default()
-    });
-    let surface = SurfaceConfig {
-        present_mode: wgpu::PresentMode::AutoNoVsync,
-        ..SurfaceConfig::LOW_LATENCY
-    };
-    WgpuConfiguration {
-        surface,
-        wgpu_setup: setup.into(),
-        ..WgpuConfiguration::default()
-    }
-}
-
 impl App {
-    fn new(
+    pub(crate) fn new(
         creation: &eframe::CreationContext<'_>,
         options: &Options,
     ) -> std::result::Result<App, String> {
@@ -144,6 +136,8 @@ impl App {
         let still = Camera::perspective(DVec3::Z, DVec3::ZERO, DVec3::Y, 30.0);
         let mut app = App {
             gpu,
+            #[cfg(target_arch = "wasm32")]
+            context: creation.egui_ctx.clone(),
             document: None,
             loading: None,
             show: None,
@@ -162,7 +156,9 @@ impl App {
             chosen: channel(),
             screen: Screen::default(),
             watched: None,
+            saved_picture: None,
             log: log.map_err(|e| e.to_string())?,
+            told: None,
             frames: Frames {
                 last: now,
                 since: (now, 0),
@@ -171,10 +167,10 @@ impl App {
             },
         };
         app.wear_theme(&creation.egui_ctx);
-        match (&options.file, &options.example) {
-            (Some(file), _) => app.open(file, &creation.egui_ctx),
-            (None, name) => {
-                let name = name.as_deref().unwrap_or("limb");
+        match &options.open {
+            Opened::Nothing => {}
+            Opened::File(file) => app.open(file, &creation.egui_ctx),
+            Opened::Example(name) => {
                 let example = Example::named(name).map_err(|e| e.to_string())?;
                 app.open_example(example, &creation.egui_ctx);
             }
@@ -203,7 +199,6 @@ impl App {
         }
     }
 
-
     /// Writes what the frame took.
     fn note_frame(&mut self, began: Instant, frame_ms: f64) {
         let pictures = self.screen.pictures;
@@ -214,27 +209,44 @@ impl App {
             self.frames.since = (Instant::now(), pictures);
         }
         self.frames.ui_ms = 1e3 * began.elapsed().as_secs_f64();
+        if self.log.is_none() && self.told.is_none() {
+            return;
+        }
+        let frame = self.frame(frame_ms);
+        if let Some(told) = &mut self.told {
+            told(&frame);
+        }
+        if let Some(log) = &mut self.log
+            && let Err(why) = log.push(&frame)
+        {
+            self.log = None;
+            self.said = (why.to_string(), true);
+        }
+    }
+
+    /// All that is told of a frame.
+    pub(crate) fn frame(&self, frame_ms: f64) -> Frame {
         let camera = self.orbit.camera();
-        let Some(log) = &mut self.log else { return };
         let show = self.show.as_ref();
-        let frame = Frame {
+        Frame {
             frame_ms,
             ui_ms: self.frames.ui_ms,
             steps: show.map_or(0, |s| s.steps),
             iterations: show
                 .and_then(|s| s.stage().motion()?.progress())
                 .map_or(0, |p| p.last.iterations),
-            pictures,
+            pictures: self.screen.pictures,
             tets: show.map_or(0, |s| s.stage().mesh().tets.len()),
             camera: [camera.eye.to_array(), camera.look_at.to_array()],
             force_n: show.and_then(Show::force),
             depth_m: show.and_then(|s| s.samples.last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
             said: self.said.0.clone(),
-        };
-        if let Err(why) = log.push(&frame) {
-            self.log = None;
-            self.said = (why.to_string(), true);
+            error: self.said.1,
+            name: self.document.as_ref().map(|d| d.name.clone()),
+            loading: self.loading.as_ref().map(|l| l.name.clone()),
+            time_s: show.map_or(0.0, |s| s.stage().time()),
+            playing: show.is_some_and(|s| s.playing),
         }
     }
 
@@ -242,11 +254,6 @@ impl App {
     pub(crate) fn rate(&self) -> f64 {
         self.frames.rate
     }
-}
-
-/// When a file was changed last.
-fn changed(file: &Path) -> Option<SystemTime> {
-    std::fs::metadata(file).and_then(|m| m.modified()).ok()
 }
 
 impl eframe::App for App {
@@ -257,6 +264,8 @@ impl eframe::App for App {
         let context = ui.ctx().clone();
         self.take_files(&context);
         self.take_over(&context);
+        let saved = self.save_arrived(&context);
+        self.tell_error(saved);
         self.watch(&context);
         self.keys(&context);
         if let Some(show) = &mut self.show {

@@ -1,22 +1,9 @@
 //! Where to open from and save to: a path that is typed, or chosen in the system's dialog.
 
 use crate::app::App;
+use crate::system::{self, Place};
 use eframe::egui::{self, Key};
 use std::path::{Path, PathBuf};
-
-/// Endings of what can be opened.
-const OPENED: [&str; 17] = [
-    "toml", "vtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr", "nii", "gz", "mha",
-    "mhd", "stl", "ply", "obj",
-];
-
-/// What a dialog of the system, which has a thread of its own, was closed with.
-pub(crate) enum Chosen {
-    /// A file to open.
-    Open(PathBuf),
-    /// Where to save what is asked for.
-    Place(PathBuf),
-}
 
 /// What can be saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,32 +56,6 @@ impl Ask {
 }
 
 impl App {
-    /// Has the system's dialog ask for a file to open.
-    pub(crate) fn choose_file(&self, context: &egui::Context) {
-        let dialog = rfd::AsyncFileDialog::new()
-            .set_title("Open a mesh, a volume, a surface or a scene")
-            .add_filter("All that can be opened", &OPENED)
-            .add_filter("All files", &["*"]);
-        self.wait_for(dialog.pick_file(), Chosen::Open, context);
-    }
-
-    /// Hands on what a dialog is closed with.
-    fn wait_for(
-        &self,
-        dialog: impl Future<Output = Option<rfd::FileHandle>> + Send + 'static,
-        chosen: fn(PathBuf) -> Chosen,
-        context: &egui::Context,
-    ) {
-        let (send, context) = (self.chosen.0.clone(), context.clone());
-        std::thread::spawn(move || {
-            if let Some(file) = pollster::block_on(dialog) {
-                // A window that was closed meanwhile wants nothing.
-                let _ = send.send(chosen(file.path().to_path_buf()));
-                context.request_repaint();
-            }
-        });
-    }
-
     /// Asks where to save something: beside what is open, where nothing else is said.
     pub(crate) fn ask_place(&mut self, what: Saved) {
         let Some(document) = self.document.as_ref().filter(|_| self.show.is_some()) else {
@@ -146,7 +107,7 @@ impl App {
                     if ui.button(go).clicked() || entered {
                         done = Some(true);
                     }
-                    browse = ui.button("Browse…").clicked();
+                    browse = system::ASKS && ui.button("Browse…").clicked();
                     let escaped = ui.input(|i| i.key_pressed(Key::Escape));
                     if ui.button("Cancel").clicked() || escaped {
                         done = Some(false);
@@ -170,27 +131,23 @@ impl App {
                 self.ask = Some(ask);
             }
             (Some(true), Some(what)) => {
-                let result = self.save(what, &path);
-                self.tell_error(result);
+                if let Err(why) = self.save(what, &path) {
+                    self.tell_error(Err(why));
+                    self.ask = Some(ask);
+                }
             }
         }
     }
 
     /// Has the system's dialog ask for what is asked for.
     fn browse(&self, ask: &Ask, context: &egui::Context) {
-        let Some((title, _, kinds)) = ask.what.map(Saved::named) else {
-            return self.choose_file(context);
-        };
-        let path = Path::new(&ask.path);
-        let mut dialog = rfd::AsyncFileDialog::new()
-            .set_title(title)
-            .add_filter(kinds[0], kinds);
-        if let Some(name) = path.file_name() {
-            dialog = dialog.set_file_name(name.to_string_lossy());
+        let wish = self.wish(context);
+        match ask.what.map(Saved::named) {
+            None => system::choose_file(wish),
+            Some((title, _, kinds)) => {
+                let path = Path::new(&ask.path);
+                system::choose_place(&Place { title, kinds, path }, wish);
+            }
         }
-        if let Some(folder) = path.parent() {
-            dialog = dialog.set_directory(folder);
-        }
-        self.wait_for(dialog.save_file(), Chosen::Place, context);
     }
 }

@@ -1,11 +1,13 @@
 //! What is open: the text of a scene, edited in place, with its undo.
 
+use crate::system;
 use palpate::render::{Camera, Projection};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value};
+use web_time::Instant;
 
 /// Edits of one thing that follow each other within this time are undone together.
 const AT_ONCE: Duration = Duration::from_millis(800);
@@ -26,11 +28,14 @@ const LOOKS: [&str; 9] = [
 ];
 
 /// The text of a scene, and what it was before.
+#[derive(Clone)]
 pub struct Document {
     /// What the window is called after.
     pub name: String,
     /// The file that was opened: a scene, a mesh, a volume or a surface.
     pub file: Option<PathBuf>,
+    /// Of what ships with the viewer, the files that it reads.
+    pub ships: &'static [(&'static str, &'static [u8])],
     /// What paths in it are relative to.
     folder: PathBuf,
     text: DocumentMut,
@@ -46,7 +51,7 @@ impl Document {
     /// [`Error::Io`] for a file that is not there; of a scene, [`Error::Format`] for what it has that
     /// makes no sense. What else a file holds is found out by who reads it.
     pub fn open(file: &Path) -> Result<Document> {
-        let file = std::path::absolute(file).map_err(Error::io(file))?;
+        let file = system::absolute(file)?;
         let name = file.file_name().map(|n| n.to_string_lossy().into_owned());
         let name = name.unwrap_or_default();
         let folder = file.parent().map(Path::to_path_buf).unwrap_or_default();
@@ -54,7 +59,7 @@ impl Document {
             .extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
         {
-            let text = std::fs::read_to_string(&file).map_err(Error::io(&file))?;
+            let text = palpate::io::read_text(&file)?;
             let document = Document::new(name, folder, &text);
             return document
                 .map(|document| Document {
@@ -63,7 +68,7 @@ impl Document {
                 })
                 .map_err(|e| Error::format(&file, e.to_string()));
         }
-        if !file.exists() {
+        if !palpate::io::exists(&file) {
             return Err(Error::io(&file)(std::io::ErrorKind::NotFound.into()));
         }
         let mut document = Document::new(name.clone(), folder, "[mesh]\n")?;
@@ -81,6 +86,7 @@ impl Document {
         Ok(Document {
             name,
             file: None,
+            ships: &[],
             folder,
             text: parsed(text)?,
             undo: Vec::new(),
@@ -133,16 +139,6 @@ impl Document {
         Ok(scene)
     }
 
-    /// Takes the last edit back for good.
-    ///
-    /// # Errors
-    /// As [`Document::step_back`].
-    pub fn forget(&mut self) -> Result<()> {
-        self.step_back(false)?;
-        self.redo.pop();
-        Ok(())
-    }
-
     /// The part of the text that says what moves, and how.
     pub fn body(&self) -> String {
         let mut text = self.text.clone();
@@ -170,7 +166,11 @@ impl Document {
         set(&mut text, "camera", "orthographic", height.map(Value::from));
         let size = Value::Array(size.into_iter().map(i64::from).collect());
         set(&mut text, "picture", "size", Some(size));
-        moved(text, &self.folder, folder)
+        match self.ships {
+            [] => moved(text, &self.folder, folder),
+            // They are saved beside it.
+            _ => text.to_string(),
+        }
     }
 
     /// Whether there is anything to undo, and to redo.

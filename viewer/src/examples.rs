@@ -1,9 +1,8 @@
 //! Bodies that ship with the viewer.
 
 use crate::document::Document;
-use palpate::io::atomic_write;
+use crate::system;
 use palpate::{Error, Result};
-use std::io::Write;
 
 /// A body that ships with the viewer.
 pub struct Example {
@@ -80,21 +79,15 @@ impl Example {
         })
     }
 
-    /// Opens it; its files are put into a folder for temporary ones.
+    /// Opens it; its files are put where it finds them.
     ///
     /// # Errors
-    /// [`Error::Io`] where that cannot be written.
+    /// [`Error::Io`] where that cannot be.
     pub fn open(&self) -> Result<Document> {
-        let folder =
-            std::env::temp_dir().join(concat!("palpate-examples-", env!("CARGO_PKG_VERSION")));
-        std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        for (name, bytes) in self.files {
-            let file = folder.join(name);
-            if std::fs::metadata(&file).map_or(0, |m| m.len()) != bytes.len() as u64 {
-                atomic_write(&file, |out| out.write_all(bytes).map_err(Error::io(&file)))?;
-            }
-        }
-        Document::new(self.name.to_owned(), folder, self.text)
+        let folder = system::put_ready(self.files)?;
+        let mut document = Document::new(self.name.to_owned(), folder, self.text)?;
+        document.ships = self.files;
+        Ok(document)
     }
 }
 

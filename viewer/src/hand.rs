@@ -286,6 +286,42 @@ impl App {
         Ok(())
     }
 
+    /// Has the finger press on what is seen at a point of the picture, whose sides are 1, so many
+    /// metres deep; goes on with the press that there is.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing is seen there; as [`Show::press`](crate::show::Show::press).
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) fn press_at(&mut self, [x, y]: [f64; 2], depth: f64) -> Result<()> {
+        let nothing = || palpate::Error::Input("there is nothing to press on".into());
+        let area = self.area.ok_or_else(nothing)?;
+        if self.show.as_ref().is_some_and(|s| s.depth().is_none()) {
+            let at = area.rect.min + area.rect.size() * egui::vec2(x as f32, y as f32);
+            let (pick, sight) = self.picked(at, area)?.ok_or_else(nothing)?;
+            if let Some(show) = &mut self.show {
+                show.press(&pick, sight)?;
+            }
+        }
+        if let Some(show) = &mut self.show {
+            show.press_to(depth / show.unit);
+        }
+        Ok(())
+    }
+
+    /// Takes the finger out again.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) fn let_go_of_press(&mut self) {
+        if let Some(show) = &mut self.show {
+            show.let_go();
+        }
+    }
+
+    /// Has a frame drawn.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) fn repaint(&self) {
+        self.context.request_repaint();
+    }
+
     /// Goes on with what was begun: the pointer is at a point, and moved by parts of the height.
     fn draw_on(&mut self, at: Pos2, moved: DVec2, area: Area) -> Result<()> {
         match &mut self.stroke {

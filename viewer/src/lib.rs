@@ -7,17 +7,29 @@
 
 pub mod app;
 mod ask;
+mod blit;
 pub mod document;
+mod editing;
 pub mod examples;
 mod hand;
 mod histogram;
 pub mod loading;
 pub mod log;
 mod menu;
+mod opening;
 pub mod orbit;
 mod panels;
+mod picture;
+mod saving;
 pub mod screen;
 pub mod settings;
 pub mod show;
+mod system;
+#[cfg(target_arch = "wasm32")]
+pub mod web;
+#[cfg(not(target_arch = "wasm32"))]
+mod window;
 
-pub use app::{Options, run};
+pub use app::{Opened, Options};
+#[cfg(not(target_arch = "wasm32"))]
+pub use window::run;

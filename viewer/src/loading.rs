@@ -1,14 +1,15 @@
-//! Bodies are read, meshed and made ready on a thread of their own.
+//! Bodies are read, meshed and made ready while the interface goes on.
 
 use crate::document::Document;
 use crate::show::Show;
+use crate::system;
 use eframe::egui;
 use palpate::Result;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use web_time::Instant;
 
 /// A body that is being made ready.
 pub struct Loading {
@@ -18,6 +19,8 @@ pub struct Loading {
     pub document: Option<Document>,
     /// The text that it is made of.
     pub text: String,
+    /// The scene that there was before it was edited so.
+    pub before: Option<Document>,
     since: Instant,
     told: Arc<Mutex<(String, f64)>>,
     made: Receiver<Result<Show>>,
@@ -36,7 +39,8 @@ impl Loading {
         })
     }
 
-    /// The same for the body of a mesh that is there already, with a finger of a radius.
+    /// The same for the body of a mesh that is there already, with a finger of a radius; the scene was
+    /// another one `before`.
     ///
     /// # Errors
     /// As [`Loading::open`].
@@ -44,9 +48,16 @@ impl Loading {
         gpu: &Gpu,
         document: &Document,
         body: (Arc<TetMesh>, f64),
+        before: Option<Document>,
         context: &egui::Context,
     ) -> Result<Loading> {
-        Loading::begin(gpu, document, Some(body), context)
+        let loading = Loading::begin(gpu, document, Some(body), context)?;
+        Ok(Loading { before, ..loading })
+    }
+
+    /// Whether something else is opened, and not the same body made anew.
+    pub fn opens(&self) -> bool {
+        self.document.is_some()
     }
 
     fn begin(
@@ -60,7 +71,7 @@ impl Loading {
         let (send, made) = channel();
         let told = Arc::new(Mutex::new(("reading".to_owned(), 0.0)));
         let (gpu, context, tell) = (gpu.clone(), context.clone(), told.clone());
-        std::thread::spawn(move || {
+        system::later(move || {
             let progress = |what: &str, share: f64| {
                 *tell.lock().unwrap_or_else(PoisonError::into_inner) = (what.to_owned(), share);
             };
@@ -85,6 +96,7 @@ impl Loading {
             name: document.name.clone(),
             document: None,
             text: document.text(),
+            before: None,
             since: Instant::now(),
             told,
             made,

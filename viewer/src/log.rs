@@ -31,6 +31,16 @@ pub struct Frame {
     pub memory_mb: Option<f64>,
     /// What is said in the status line.
     pub said: String,
+    /// Whether that is an error.
+    pub error: bool,
+    /// What is open.
+    pub name: Option<String>,
+    /// What is being opened.
+    pub loading: Option<String>,
+    /// Simulated time, s.
+    pub time_s: f64,
+    /// Whether time goes by.
+    pub playing: bool,
 }
 
 /// A file of frames.

@@ -1,7 +1,7 @@
 //! `palpate-view`: press on a body in a window and see inside it while it gives.
 
 use clap::Parser;
-use palpate_view::Options;
+use palpate_view::{Opened, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -35,12 +35,13 @@ fn size(text: &str) -> Result<[u32; 2], String> {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let options = Options {
-        file: arguments.file,
-        example: arguments.example,
-        size: arguments.size,
+        open: match (arguments.file, arguments.example) {
+            (Some(file), _) => Opened::File(file),
+            (None, name) => Opened::Example(name.unwrap_or_else(|| "limb".into())),
+        },
         log: arguments.log,
     };
-    match palpate_view::run(options) {
+    match palpate_view::run(options, arguments.size) {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
             eprintln!("palpate-view: {why}");

@@ -6,6 +6,7 @@ use crate::examples::EXAMPLES;
 use crate::hand::{Hand, Stroke};
 use crate::orbit::Side;
 use crate::settings::{Habit, Theme};
+use crate::system;
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
 use glam::DVec2;
 use std::f64::consts::PI;
@@ -28,6 +29,10 @@ const RESTART: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key:
 impl App {
     /// Does what keys do, unless something is typed.
     pub(crate) fn keys(&mut self, context: &egui::Context) {
+        // Ctrl+Z takes back what is typed.
+        if context.egui_wants_keyboard_input() {
+            return;
+        }
         let pressed =
             |shortcut: &KeyboardShortcut| context.input_mut(|i| i.consume_shortcut(shortcut));
         if pressed(&REDO) {
@@ -37,7 +42,7 @@ impl App {
             self.undo(false, context);
         }
         if pressed(&OPEN) {
-            self.choose_file(context);
+            system::choose_file(self.wish(context));
         }
         if pressed(&OPEN_PATH) {
             self.ask = Some(Ask::open());
@@ -49,7 +54,7 @@ impl App {
             self.ask_place(Saved::Scene);
         }
         if pressed(&RESTART) {
-            self.restart(None, context);
+            self.restart(None, None, context);
         }
         if context.memory(|m| m.focused().is_some()) {
             return;
@@ -164,7 +169,7 @@ impl App {
                     "Body back to rest, whole",
                     Some(&RESTART),
                 ) {
-                    self.restart(None, &context);
+                    self.restart(None, None, &context);
                 }
             });
             ui.menu_button("View", |ui| self.menu_view(ui, &context));
@@ -183,7 +188,7 @@ impl App {
 
     fn menu_file(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         if item(ui, true, "Open…", Some(&OPEN)) {
-            self.choose_file(context);
+            system::choose_file(self.wish(context));
         }
         if item(ui, true, "Open path…", Some(&OPEN_PATH)) {
             self.ask = Some(Ask::open());
@@ -326,7 +331,7 @@ impl App {
                     self.step();
                 }
                 if rest {
-                    self.restart(None, &context);
+                    self.restart(None, None, &context);
                 }
             }
             ui.separator();

@@ -9,7 +9,6 @@ use crate::orbit::Orbit;
 use crate::show::Show;
 use crate::system::{self, Chosen, Wish};
 use eframe::egui;
-use palpate::Result;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use web_time::Instant;
@@ -114,9 +113,10 @@ impl App {
         self.said = (show.notes.join("; "), false);
         match (loading.document, &self.show, &self.document) {
             (Some(document), ..) => {
-                let again = self.document.as_ref().is_some_and(|old| {
-                    document.file.is_some() && old.file == document.file
-                });
+                let again = self
+                    .document
+                    .as_ref()
+                    .is_some_and(|old| document.file.is_some() && old.file == document.file);
                 if let Some(file) = &document.file {
                     self.settings.opened(file);
                 }
@@ -176,10 +176,11 @@ impl App {
                     self.ask = None;
                     self.open(&file, context);
                 }
-                Chosen::Place(file) => match &mut self.ask {
-                    Some(ask) => ask.path = file.to_string_lossy().into_owned(),
-                    None => {}
-                },
+                Chosen::Place(file) => {
+                    if let Some(ask) = &mut self.ask {
+                        ask.path = file.to_string_lossy().into_owned();
+                    }
+                }
                 Chosen::Failed(why) => self.said = (why, true),
             }
         }
@@ -212,10 +213,9 @@ impl App {
     }
 
     /// It is no news that what is open was saved.
-    pub(crate) fn watch_from_now(&mut self) -> Result<()> {
+    pub(crate) fn watch_from_now(&mut self) {
         if let Some(watched) = &mut self.watched {
             watched.at = changed(&watched.file);
         }
-        Ok(())
     }
 }

@@ -540,7 +540,7 @@ impl App {
             chosen = edited(ui, "radius", before, (range, speed, " mm"));
         });
         if let Some(radius) = chosen {
-            self.restart(Some(radius / mm), context);
+            self.restart(Some(radius / mm), None, context);
         }
         let cut_depth = &mut self.cut_depth;
         ui.horizontal(|ui| {

@@ -1,5 +1,6 @@
 //! The picture within the window: a texture that the interface shows, coarser while something moves.
 
+use crate::blit::Blit;
 use crate::show::Show;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
@@ -7,7 +8,8 @@ use palpate::Result;
 use palpate::gpu::{Gpu, Recorder};
 use palpate::render::Camera;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use web_time::Instant;
 
 /// A picture is to be there within this time while something moves.
 const SOON: f64 = 0.05;
@@ -28,7 +30,8 @@ struct Shown {
 /// The texture that pictures are drawn into.
 #[derive(Default)]
 pub struct Screen {
-    texture: Option<(wgpu::Texture, wgpu::TextureView, egui::TextureId)>,
+    texture: Option<Texture>,
+    blit: Option<Blit>,
     shown: Option<Shown>,
     moved: Option<Instant>,
     /// Which of the shares is drawn while something moves.
@@ -39,6 +42,12 @@ pub struct Screen {
     pub pictures: u64,
 }
 
+/// A texture, to draw into and to show.
+struct Texture {
+    view: wgpu::TextureView,
+    shown: wgpu::BindGroup,
+}
+
 #[derive(Default)]
 struct Sent {
     at: Option<(Instant, f64)>,
@@ -46,8 +55,8 @@ struct Sent {
 }
 
 impl Screen {
-    /// Draws what `show` shows to `camera`, `size` pixels large, if it is another than before. The
-    /// texture it is in, and whether it will be drawn finer.
+    /// Draws what `show` shows to `camera`, `size` pixels large, if it is another than before.
+    /// Whether it will be drawn finer.
     ///
     /// # Errors
     /// As [`Show::record`].
@@ -57,7 +66,7 @@ impl Screen {
         show: &mut Show,
         (camera, backdrop): (&Camera, [f32; 4]),
         size: [u32; 2],
-    ) -> Result<(egui::TextureId, bool)> {
+    ) -> Result<bool> {
         let now = Instant::now();
         let wanted = |size| Shown {
             version: show.version,
@@ -92,10 +101,10 @@ impl Screen {
             .as_ref()
             .is_some_and(|shown| shown.size[0] < next.size[0]);
         let due = moves || self.shown != Some(next) && (still || !finer);
-        if !due && let Some((_, _, id)) = &self.texture {
-            return Ok((*id, self.shown != Some(full)));
+        if !due && self.texture.is_some() {
+            return Ok(self.shown != Some(full));
         }
-        let (view, id) = self.target(state, size);
+        let view = self.target(state, size);
         let mut encoder = state
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -108,7 +117,7 @@ impl Screen {
         self.note(state, now, size);
         self.shown = Some(next);
         self.pictures += 1;
-        Ok((id, next != full))
+        Ok(next != full)
     }
 
     /// Has the next picture drawn, whatever it shows.
@@ -148,15 +157,11 @@ impl Screen {
     }
 
     /// The texture of this size.
-    fn target(
-        &mut self,
-        state: &RenderState,
-        size: [u32; 2],
-    ) -> (wgpu::TextureView, egui::TextureId) {
-        if let Some((texture, view, id)) = &self.texture
-            && [texture.width(), texture.height()] == size
+    fn target(&mut self, state: &RenderState, size: [u32; 2]) -> wgpu::TextureView {
+        if let Some(Texture { view, .. }) = &self.texture
+            && [view.texture().width(), view.texture().height()] == size
         {
-            return (view.clone(), *id);
+            return view.clone();
         }
         let texture = state.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("picture"),
@@ -173,17 +178,18 @@ impl Screen {
             view_formats: &[],
         });
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let mut renderer = state.renderer.write();
-        let linear = wgpu::FilterMode::Linear;
-        let id = match self.texture.take() {
-            Some((_, _, id)) => {
-                renderer.update_egui_texture_from_wgpu_texture(&state.device, &view, linear, id);
-                id
-            }
-            None => renderer.register_native_texture(&state.device, &view, linear),
-        };
-        self.texture = Some((texture, view.clone(), id));
-        (view, id)
+        let blit = self.blit.get_or_insert_with(|| Blit::new(state));
+        self.texture = Some(Texture {
+            shown: blit.of(&state.device, &view),
+            view: view.clone(),
+        });
+        view
+    }
+
+    /// What shows the picture over `rect`; none before there is one.
+    pub fn shape(&self, rect: egui::Rect) -> Option<egui::Shape> {
+        let (blit, texture) = (self.blit.as_ref()?, self.texture.as_ref()?);
+        Some(blit.shape(&texture.shown, rect))
     }
 }
 

@@ -1,5 +1,6 @@
 //! What is remembered from one time to the next.
 
+use crate::system;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -28,8 +29,7 @@ pub enum Theme {
 }
 
 /// What is remembered.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Settings {
     /// Which buttons of the mouse do what.
     pub habit: Habit,
@@ -64,10 +64,14 @@ impl Settings {
 
     /// Puts a file that was opened first.
     pub fn opened(&mut self, file: &Path) {
+        self.note(file);
+        self.write();
+    }
+
+    fn note(&mut self, file: &Path) {
         self.recent.retain(|other| other != file);
         self.recent.insert(0, file.to_path_buf());
         self.recent.truncate(RECENT);
-        self.write();
     }
 }
 

@@ -5,10 +5,11 @@ use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Blade, TetMesh, Topology};
 use palpate::physics::{Engine, GrabId, Grip, SolverKind, Waker};
 use palpate::render::{Camera, Pick};
-use palpate::scene::{Axis, Motion, Region, Scene, SphereEntry, Stage, ToolEntry};
+use palpate::scene::{Axis, Motion, PendingImage, Region, Scene, SphereEntry, Stage, ToolEntry};
 use palpate::{Error, Result};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use web_time::Instant;
 
 /// Of a body that nothing else holds, the part of its height along gravity that lies on a table.
 const TABLE: f64 = 0.04;
@@ -544,6 +545,16 @@ impl Show {
         *self.stage.camera_mut() = *camera;
         self.stage.set_backdrop(backdrop);
         self.stage.record(work, colour)
+    }
+
+    /// Asks for the picture of `camera`, `size` pixels large, and waits for none of it.
+    ///
+    /// # Errors
+    /// As [`Stage::ask_image`].
+    pub fn ask_image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<PendingImage> {
+        *self.stage.camera_mut() = *camera;
+        self.stage.set_size(size);
+        self.stage.ask_image()
     }
 
     /// The force of the last step of a press, N; none where nothing is pressed.

@@ -148,8 +148,14 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
         assert!(tally.wrong == 0 && tally.differ <= 3, "{tally:?}");
         assert!(tally.apart < NEAR, "{tally:?}");
         // By the processor it is float64.
-        assert!(same >= 247 && on_processor.apart < 1e-9, "{same} {on_processor:?}");
-        assert!(on_processor.wrong == 0 && on_processor.differ == 0, "{on_processor:?}");
+        assert!(
+            same >= 247 && on_processor.apart < 1e-9,
+            "{same} {on_processor:?}"
+        );
+        assert!(
+            on_processor.wrong == 0 && on_processor.differ == 0,
+            "{on_processor:?}"
+        );
         // The comparison tells a body that is not bent, of which nothing was picked.
         assert!(at_rest.wrong > 10, "{at_rest:?}");
     }

@@ -4,6 +4,10 @@ use super::{Chosen, OPENED, Place, Wish, foremost};
 use eframe::egui;
 use palpate::{Error, Result};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A dialog that ends within this time was not there.
+const AT_ONCE: Duration = Duration::from_millis(120);
 
 /// Whether there is a dialog to say where to save.
 pub(crate) const ASKS: bool = true;
@@ -51,8 +55,14 @@ fn wait_for(
     wish: Wish,
 ) {
     later(move || {
-        if let Some(file) = pollster::block_on(dialog) {
-            wish.grant(chosen(file.path().to_path_buf()));
+        let asked = Instant::now();
+        match pollster::block_on(dialog) {
+            Some(file) => wish.grant(chosen(file.path().to_path_buf())),
+            // Nobody closes a dialog as soon as that.
+            None if asked.elapsed() < AT_ONCE => wish.grant(Chosen::Failed(
+                "the system has no dialog for files (on Linux that is xdg-desktop-portal); type the path: Ctrl+L opens one".into(),
+            )),
+            None => {}
         }
     });
 }
@@ -115,9 +125,7 @@ pub(crate) fn put_ready(files: &[(&str, &[u8])]) -> Result<PathBuf> {
     for (name, bytes) in files {
         let file = folder.join(name);
         if std::fs::metadata(&file).map_or(0, |m| m.len()) != bytes.len() as u64 {
-            palpate::io::atomic_write(&file, |out| {
-                out.write_all(bytes).map_err(Error::io(&file))
-            })?;
+            palpate::io::atomic_write(&file, |out| out.write_all(bytes).map_err(Error::io(&file)))?;
         }
     }
     Ok(folder)

@@ -54,6 +54,7 @@ fn foremost(mut files: Vec<PathBuf>) -> Option<PathBuf> {
 }
 
 /// What is asked of a dialog that saves: its title, the endings that there are, the path proposed.
+#[cfg_attr(target_arch = "wasm32", allow(dead_code))]
 pub(crate) struct Place<'a> {
     pub title: &'a str,
     pub kinds: &'a [&'a str],

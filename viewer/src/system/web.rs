@@ -20,12 +20,7 @@ const BEFORE: i32 = 40;
 /// Does something that takes a while, once what is going to be done was shown.
 pub(crate) fn later(work: impl FnOnce() + 'static) {
     spawn_local(async move {
-        let pause = js_sys::Promise::new(&mut |done, _| {
-            if let Some(window) = web_sys::window() {
-                let _ = window.set_timeout_with_callback_and_timeout_and_arguments_0(&done, BEFORE);
-            }
-        });
-        let _ = JsFuture::from(pause).await;
+        crate::web::pause(BEFORE).await;
         work();
     });
 }
@@ -46,9 +41,7 @@ pub(crate) fn choose_file(wish: Wish) {
     let take = Closure::once_into_js(move || {
         let files = chosen.files();
         let count = files.as_ref().map_or(0, web_sys::FileList::length);
-        let files: Vec<web_sys::File> = (0..count)
-            .filter_map(|i| files.as_ref()?.get(i))
-            .collect();
+        let files: Vec<web_sys::File> = (0..count).filter_map(|i| files.as_ref()?.get(i)).collect();
         spawn_local(async move {
             let mut names = Vec::new();
             for file in files {

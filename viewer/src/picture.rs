@@ -1,0 +1,131 @@
+//! The picture in the window, and what is drawn over it.
+
+use crate::app::App;
+use crate::hand::{Area, Stroke};
+use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
+use glam::DVec3;
+use palpate::render::Camera;
+use std::time::Duration;
+
+impl App {
+    /// Shows all of the body.
+    pub(crate) fn fit(&mut self) {
+        if let (Some(show), Some(area)) = (&self.show, self.area) {
+            let aspect = f64::from(area.size[0]) / f64::from(area.size[1].max(1));
+            self.orbit.fit(show.bounds, aspect);
+        }
+    }
+
+    /// The picture, and what is drawn over it.
+    pub(crate) fn central(&mut self, ui: &mut egui::Ui, frame: &eframe::Frame) {
+        let rect = ui.available_rect_before_wrap();
+        let scale = ui.ctx().pixels_per_point();
+        let pixels = (rect.size() * scale).round();
+        let area = Area {
+            rect,
+            size: [pixels.x.max(1.0) as u32, pixels.y.max(1.0) as u32],
+        };
+        let response = ui.allocate_rect(rect, Sense::click_and_drag());
+        self.area = Some(area);
+        self.hand(ui, &response, area);
+        let dark = ui.visuals().dark_mode;
+        let backdrop = if dark {
+            [0.05, 0.06, 0.08, 1.0]
+        } else {
+            [0.94, 0.95, 0.96, 1.0]
+        };
+        let camera = self.orbit.camera();
+        if let (Some(show), Some(state)) = (&mut self.show, frame.wgpu_render_state()) {
+            let with = (&self.gpu, state);
+            match self.screen.draw(with, show, (&camera, backdrop), area.size) {
+                Ok(finer) => {
+                    ui.painter().extend(self.screen.shape(rect));
+                    if finer {
+                        ui.ctx().request_repaint_after(Duration::from_millis(40));
+                    }
+                }
+                Err(why) => self.said = (why.to_string(), true),
+            }
+        }
+        self.overlay(ui, area, &camera);
+    }
+
+    fn overlay(&mut self, ui: &mut egui::Ui, area: Area, camera: &Camera) {
+        let mut cancelled = false;
+        let painter = ui.painter_at(area.rect);
+        let strong = ui.visuals().strong_text_color();
+        let line = Line::new(2.0, ui.visuals().selection.stroke.color);
+        if let Stroke::Cut(way, _) = &self.stroke {
+            painter.line(way.clone(), line);
+        }
+        if let (Some([from, to]), Some(show)) = (self.ruler, &self.show)
+            && let (Some(a), Some(b)) = (area.seen(camera, from), area.seen(camera, to))
+        {
+            painter.line_segment([a, b], line);
+            for end in [a, b] {
+                painter.circle_filled(end, 4.0, line.color);
+            }
+            painter.text(
+                a.lerp(b, 0.5) + egui::vec2(8.0, -8.0),
+                egui::Align2::LEFT_BOTTOM,
+                format!("{:.2} mm", 1e3 * show.unit * from.distance(to)),
+                egui::FontId::proportional(15.0),
+                strong,
+            );
+        }
+        if let Some(show) = &self.show
+            && let (Some(force), Some(sample)) = (show.force(), show.samples.last())
+        {
+            let said = format!("{force:.3} N at {:.2} mm", 1e3 * sample.depth_m);
+            let at = area.rect.left_top() + egui::vec2(14.0, 12.0);
+            let font = egui::FontId::proportional(20.0);
+            painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
+        }
+        // Which way is which: the body's axes, or its sides where it is a patient's.
+        let origin = area.rect.left_bottom() + egui::vec2(46.0, -46.0);
+        let names = ["x", "y", "z"];
+        let colours = [
+            Color32::from_rgb(213, 94, 0),
+            Color32::from_rgb(0, 158, 115),
+            Color32::from_rgb(86, 140, 233),
+        ];
+        for axis in 0..3 {
+            let along = self.orbit.turn.inverse() * DVec3::AXES[axis];
+            let end = origin + 30.0 * egui::vec2(along.x as f32, -along.y as f32);
+            painter.line_segment([origin, end], Line::new(2.0, colours[axis]));
+            let beyond = origin + 39.0 * egui::vec2(along.x as f32, -along.y as f32);
+            let font = egui::FontId::proportional(13.0);
+            painter.text(
+                beyond,
+                egui::Align2::CENTER_CENTER,
+                names[axis],
+                font,
+                strong,
+            );
+        }
+        if let Some(loading) = &self.loading {
+            let (what, share, seconds) = loading.progress();
+            let said = match share > 0.0 && share < 1.0 {
+                true => format!("{}: {what}, {:.0} %", loading.name, 100.0 * share),
+                false => format!("{}: {what}, {seconds:.0} s", loading.name),
+            };
+            let font = egui::FontId::proportional(18.0);
+            let middle = area.rect.center();
+            let place = painter.text(middle, egui::Align2::CENTER_CENTER, said, font, strong);
+            let bar = Rect::from_center_size(
+                place.center_bottom() + egui::vec2(0.0, 14.0),
+                egui::vec2(220.0, 6.0),
+            );
+            painter.rect_filled(bar, 3.0, ui.visuals().extreme_bg_color);
+            let mut done = bar;
+            done.set_width(bar.width() * share as f32);
+            painter.rect_filled(done, 3.0, line.color);
+            let below = bar.center_bottom() + egui::vec2(0.0, 22.0);
+            let button = Rect::from_center_size(below, egui::vec2(80.0, 24.0));
+            cancelled = loading.opens() && ui.put(button, egui::Button::new("Cancel")).clicked();
+        }
+        if cancelled {
+            self.cancel_loading();
+        }
+    }
+}

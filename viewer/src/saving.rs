@@ -1,0 +1,119 @@
+//! What is saved: pictures, the scene, the body, the numbers of a press.
+
+use crate::app::App;
+use crate::ask::Saved;
+use crate::system;
+use palpate::render::Image;
+use palpate::scene::PendingImage;
+use palpate::{Error, Result, io};
+use std::path::{Path, PathBuf};
+
+/// A picture on its way from the device, and where it is to be saved.
+pub(crate) type SavedPicture = (PendingImage, PathBuf);
+
+impl App {
+    /// Saves, where a dialog said.
+    ///
+    /// # Errors
+    /// What drawing or writing gives.
+    pub(crate) fn save(&mut self, what: Saved, file: &Path) -> Result<()> {
+        let camera = self.orbit.camera();
+        let (Some(document), Some(show)) = (&self.document, &mut self.show) else {
+            return Ok(());
+        };
+        match what {
+            // A browser cannot wait for it.
+            Saved::Picture if cfg!(target_arch = "wasm32") => {
+                let pending = self.ask_picture(self.picture)?;
+                self.saved_picture = Some((pending, file.to_path_buf()));
+                return Ok(());
+            }
+            Saved::Picture => {
+                let stage = show.stage_mut();
+                *stage.camera_mut() = camera;
+                stage.set_size(self.picture);
+                stage.save(file)?;
+            }
+            Saved::Scene => {
+                let file = system::absolute(file)?;
+                let folder = file.parent().unwrap_or(Path::new(""));
+                let text = document.text_seen(folder, &camera, self.picture);
+                write(&file, text.as_bytes())?;
+                // What an example reads lies in no place that lasts.
+                for (name, bytes) in document.ships {
+                    let beside = folder.join(name);
+                    if !io::exists(&beside) {
+                        write(&beside, bytes)?;
+                        system::hand_over(&beside)?;
+                    }
+                }
+            }
+            Saved::Mesh => {
+                io::write(file, &show.stage().deformed_mesh()?)?;
+            }
+            Saved::Press => {
+                let mut lines = "time_s,depth_m,force_n\n".to_owned();
+                for s in &show.samples {
+                    lines += &format!("{},{},{}\n", s.time_s, s.depth_m, s.force_n);
+                }
+                write(file, lines.as_bytes())?;
+            }
+        }
+        self.saved(file)
+    }
+
+    /// Asks for the picture, so many pixels large.
+    ///
+    /// # Errors
+    /// Where nothing is open; what drawing gives.
+    pub(crate) fn ask_picture(&mut self, size: [u32; 2]) -> Result<PendingImage> {
+        let camera = self.orbit.camera();
+        let show = self.show.as_mut().ok_or_else(nothing_open)?;
+        show.ask_image(&camera, size)
+    }
+
+    /// Saves a picture that was asked for.
+    ///
+    /// # Errors
+    /// As [`Stage::save_asked`](palpate::scene::Stage::save_asked).
+    pub(crate) fn save_picture(&self, image: Image, file: &Path) -> Result<()> {
+        let show = self.show.as_ref().ok_or_else(nothing_open)?;
+        show.stage().save_asked(image, file)
+    }
+
+    fn saved(&mut self, file: &Path) -> Result<()> {
+        system::hand_over(file)?;
+        self.watch_from_now();
+        self.say(format!("saved {}", file.display()));
+        Ok(())
+    }
+
+    /// Saves a picture that has arrived meanwhile.
+    ///
+    /// # Errors
+    /// As [`App::save`].
+    pub(crate) fn save_arrived(&mut self, context: &eframe::egui::Context) -> Result<()> {
+        let Some((mut pending, file)) = self.saved_picture.take() else {
+            return Ok(());
+        };
+        let Some(image) = pending.look()? else {
+            self.saved_picture = Some((pending, file));
+            context.request_repaint();
+            return Ok(());
+        };
+        self.save_picture(image, &file)?;
+        self.saved(&file)
+    }
+}
+
+/// Why nothing can be saved.
+fn nothing_open() -> Error {
+    Error::Input("nothing is open yet".into())
+}
+
+fn write(file: &Path, bytes: &[u8]) -> Result<()> {
+    io::atomic_write(file, |out| {
+        use std::io::Write;
+        out.write_all(bytes).map_err(Error::io(file))
+    })
+}

@@ -1,0 +1,210 @@
+//! The viewer in a page: what its JavaScript calls.
+
+use crate::app::{App, Opened, Options, device};
+use crate::log::Frame;
+use crate::orbit::Orbit;
+use glam::DVec3;
+use palpate::io;
+use palpate::render::{Camera, Projection};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use wasm_bindgen::prelude::*;
+use wasm_bindgen_futures::JsFuture;
+
+/// Between two looks at whether a picture has arrived, ms.
+const LOOK: i32 = 10;
+/// Where a picture lies until it is handed on.
+const PICTURE: &str = "picture.png";
+
+/// A viewer on a canvas.
+#[wasm_bindgen]
+pub struct Viewer {
+    runner: eframe::WebRunner,
+}
+
+/// A camera, as JavaScript has it.
+#[derive(Serialize, Deserialize)]
+struct View {
+    eye: [f64; 3],
+    look_at: [f64; 3],
+    up: [f64; 3],
+    /// Degrees from the lowest to the highest ray; none where rays are parallel.
+    fov: Option<f64>,
+    /// Height of what is seen by parallel rays, in file units.
+    orthographic: Option<f64>,
+}
+
+fn wrong(why: impl ToString) -> JsValue {
+    js_sys::Error::new(&why.to_string()).into()
+}
+
+#[wasm_bindgen]
+impl Viewer {
+    /// A viewer that is not shown yet.
+    #[wasm_bindgen(constructor)]
+    #[allow(clippy::new_without_default)]
+    pub fn new() -> Viewer {
+        Viewer {
+            runner: eframe::WebRunner::new(),
+        }
+    }
+
+    /// Shows it on `canvas`, with the example of a name or with nothing; `told` is called after every
+    /// frame with what is known of it, as JSON.
+    ///
+    /// # Errors
+    /// Where there is no WebGPU, or no such example.
+    pub async fn start(
+        &self,
+        canvas: web_sys::HtmlCanvasElement,
+        example: Option<String>,
+        told: js_sys::Function,
+    ) -> Result<(), JsValue> {
+        let options = Options {
+            open: example.map_or(Opened::Nothing, Opened::Example),
+            log: None,
+        };
+        let web = eframe::WebOptions {
+            renderer: eframe::Renderer::Wgpu,
+            wgpu_options: device(),
+            dithering: false,
+            ..Default::default()
+        };
+        let tell = move |frame: &Frame| {
+            if let Ok(text) = serde_json::to_string(frame) {
+                // What the page makes of it is its own matter.
+                let _ = told.call1(&JsValue::NULL, &text.into());
+            }
+        };
+        let create = move |creation: &eframe::CreationContext<'_>| {
+            let mut app = App::new(creation, &options)?;
+            app.told = Some(Box::new(tell));
+            Ok(Box::new(app) as Box<dyn eframe::App>)
+        };
+        self.runner.start(canvas, web, Box::new(create)).await
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut App) -> palpate::Result<T>) -> Result<T, JsValue> {
+        let app = self.runner.app_mut::<App>();
+        let mut app = app.ok_or_else(|| wrong("the viewer is not shown"))?;
+        let done = act(&mut app).map_err(wrong);
+        app.repaint();
+        done
+    }
+
+    /// Puts a file ready that others name.
+    pub fn put(&self, name: &str, bytes: Vec<u8>) {
+        io::put(name, bytes);
+    }
+
+    /// Opens a file that was put ready.
+    ///
+    /// # Errors
+    /// Where the viewer is not shown. What is wrong with the file is told by a frame.
+    pub fn open(&self, name: &str) -> Result<(), JsValue> {
+        self.with(|app| {
+            let context = app.context.clone();
+            app.open(Path::new(name), &context);
+            Ok(())
+        })
+    }
+
+    /// The camera, as JSON.
+    ///
+    /// # Errors
+    /// Where the viewer is not shown.
+    pub fn camera(&self) -> Result<String, JsValue> {
+        let camera = self.with(|app| Ok(app.orbit.camera()))?;
+        let [fov, orthographic] = match camera.projection {
+            Projection::Perspective { fov } => [Some(fov), None],
+            Projection::Orthographic { height } => [None, Some(height)],
+        };
+        let view = View {
+            eye: camera.eye.to_array(),
+            look_at: camera.look_at.to_array(),
+            up: camera.up.to_array(),
+            fov,
+            orthographic,
+        };
+        serde_json::to_string(&view).map_err(wrong)
+    }
+
+    /// Looks by this camera, as JSON.
+    ///
+    /// # Errors
+    /// What makes no sense in it.
+    pub fn set_camera(&self, json: &str) -> Result<(), JsValue> {
+        let view: View = serde_json::from_str(json).map_err(wrong)?;
+        let [eye, look_at, up] = [view.eye, view.look_at, view.up].map(DVec3::from);
+        let camera = match view.orthographic {
+            Some(height) => Camera::orthographic(eye, look_at, up, height),
+            None => Camera::perspective(eye, look_at, up, view.fov.unwrap_or(30.0)),
+        };
+        self.with(|app| {
+            camera.check()?;
+            let size = app.show.as_ref().map_or(1.0, |show| show.diagonal());
+            app.orbit = Orbit::of(&camera, size);
+            Ok(())
+        })
+    }
+
+    /// Has the finger press on what is seen at a point of the picture, from 0 to 1 to the right and
+    /// down, so many metres deep; goes on with the press that there is.
+    ///
+    /// # Errors
+    /// Where nothing is seen there, or nothing can be pressed on.
+    pub fn press(&self, x: f64, y: f64, depth: f64) -> Result<(), JsValue> {
+        self.with(|app| app.press_at([x, y], depth))
+    }
+
+    /// Takes the finger out again.
+    ///
+    /// # Errors
+    /// Where the viewer is not shown.
+    pub fn release(&self) -> Result<(), JsValue> {
+        self.with(|app| {
+            app.let_go_of_press();
+            Ok(())
+        })
+    }
+
+    /// The picture, so many pixels large, as a PNG.
+    ///
+    /// # Errors
+    /// What drawing it gives.
+    pub async fn picture(&self, width: u32, height: u32) -> Result<Vec<u8>, JsValue> {
+        let mut pending = self.with(|app| app.ask_picture([width, height]))?;
+        loop {
+            if let Some(image) = pending.look().map_err(wrong)? {
+                self.with(|app| app.save_picture(image, Path::new(PICTURE)))?;
+                return io::take(PICTURE).ok_or_else(|| wrong("the picture is not there"));
+            }
+            pause(LOOK).await;
+        }
+    }
+
+    /// What is known of the last frame, as JSON.
+    ///
+    /// # Errors
+    /// Where the viewer is not shown.
+    pub fn state(&self) -> Result<String, JsValue> {
+        let frame = self.with(|app| Ok(app.frame(0.0)))?;
+        serde_json::to_string(&frame).map_err(wrong)
+    }
+
+    /// Ends it; the canvas is free.
+    pub fn destroy(&self) {
+        self.runner.destroy();
+    }
+}
+
+/// Lets so many milliseconds pass.
+pub(crate) async fn pause(milliseconds: i32) {
+    let wait = js_sys::Promise::new(&mut |done, _| {
+        if let Some(window) = web_sys::window() {
+            let _ =
+                window.set_timeout_with_callback_and_timeout_and_arguments_0(&done, milliseconds);
+        }
+    });
+    let _ = JsFuture::from(wait).await;
+}
