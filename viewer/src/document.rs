@@ -139,6 +139,19 @@ impl Document {
         Ok(scene)
     }
 
+    /// Has a preset of colours show it, which is no edit to be undone.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for one that there is not.
+    #[cfg(target_arch = "wasm32")]
+    pub fn show_by(&mut self, preset: &str) -> Result<()> {
+        self.edit("transfer", |text| {
+            set(text, "picture", "transfer", Some(Value::from(preset)));
+        })?;
+        self.undo.clear();
+        Ok(())
+    }
+
     /// The part of the text that says what moves, and how.
     pub fn body(&self) -> String {
         let mut text = self.text.clone();

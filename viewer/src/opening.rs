@@ -45,6 +45,23 @@ impl App {
         }
     }
 
+    /// Opens a file, shown by a preset of colours where its scene says nothing else.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) fn open_as(&mut self, file: &Path, transfer: Option<&str>, context: &egui::Context) {
+        let opened = Document::open(file).and_then(|mut document| {
+            if let Some(preset) = transfer
+                && document.scene()?.picture.transfer.is_none()
+            {
+                document.show_by(preset)?;
+            }
+            Ok(document)
+        });
+        match opened {
+            Ok(document) => self.begin(document, context),
+            Err(why) => self.tell_error(Err(why)),
+        }
+    }
+
     /// Opens what ships with the viewer.
     pub(crate) fn open_example(&mut self, example: &Example, context: &egui::Context) {
         match example.open() {

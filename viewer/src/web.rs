@@ -97,14 +97,25 @@ impl Viewer {
         io::put(name, bytes);
     }
 
-    /// Opens a file that was put ready.
+    /// Opens a file that was put ready, shown by a preset of colours.
     ///
     /// # Errors
     /// Where the viewer is not shown. What is wrong with the file is told by a frame.
-    pub fn open(&self, name: &str) -> Result<(), JsValue> {
+    pub fn open(&self, name: &str, transfer: Option<String>) -> Result<(), JsValue> {
         self.with(|app| {
             let context = app.context.clone();
-            app.open(Path::new(name), &context);
+            app.open_as(Path::new(name), transfer.as_deref(), &context);
+            Ok(())
+        })
+    }
+
+    /// Says that something failed, in the status line.
+    ///
+    /// # Errors
+    /// Where the viewer is not shown.
+    pub fn say(&self, why: String) -> Result<(), JsValue> {
+        self.with(|app| {
+            app.said = (why, true);
             Ok(())
         })
     }
