@@ -405,11 +405,7 @@ impl App {
                 [on - above * ray.direction, on + below * ray.direction]
             })
             .collect();
-        let said = match show.cut(&Blade::swept(&edges)?)? {
-            true => format!("cut; {} tets now", show.stage().mesh().tets.len()),
-            false => "the stroke cut nothing".into(),
-        };
-        self.say(said);
+        show.cut(Blade::swept(&edges)?);
         Ok(())
     }
 

@@ -77,6 +77,8 @@ pub struct Show {
     finger: std::result::Result<usize, String>,
     press: Option<Press>,
     grab: Option<(GrabId, DVec3)>,
+    /// Where it is to be cut.
+    blade: Option<Blade>,
     /// What was measured since the last press began.
     pub samples: Vec<Sample>,
     /// Whether time goes by.
@@ -173,6 +175,7 @@ impl Show {
             finger,
             press: None,
             grab: None,
+            blade: None,
             samples: Vec::new(),
             speed: 1.0,
             owed: 0.0,
@@ -255,6 +258,9 @@ impl Show {
 
     /// When the body is to be looked at again, where nothing calls before.
     pub fn next_look(&self) -> Option<Duration> {
+        if self.blade.is_some() && !self.under_way {
+            return Some(Duration::ZERO);
+        }
         let motion = self.stage.motion().filter(|_| self.is_busy())?;
         match (self.under_way, motion.engine()) {
             (true, Engine::Gpu) => Some(LOOK),
@@ -281,6 +287,9 @@ impl Show {
                 return;
             }
             Err(why) => return self.fail(&why),
+        }
+        if let Err(why) = self.cut_asked() {
+            self.remark = Some(format!("not cut: {why}"));
         }
         if self.stage.motion().is_none() {
             return;
@@ -501,18 +510,26 @@ impl Show {
         Ok(())
     }
 
-    /// Cuts along `blade`. Whether anything was hit.
-    ///
-    /// # Errors
-    /// As [`Stage::cut`].
-    pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
+    /// Cuts along `blade`, as soon as no step is under way; what came of it is a remark.
+    pub fn cut(&mut self, blade: Blade) {
+        self.blade = Some(blade);
+    }
+
+    /// Cuts where it was asked for; between two steps.
+    fn cut_asked(&mut self) -> Result<()> {
+        let Some(blade) = self.blade.take() else {
+            return Ok(());
+        };
         self.version += 1;
-        let hit = self.stage.cut(blade)?;
+        self.remark = Some(match self.stage.cut(&blade)? {
+            true => format!("cut; {} tets now", self.stage.mesh().tets.len()),
+            false => "the stroke cut nothing".into(),
+        });
         self.stirred = true;
         if let Some(motion) = self.stage.motion_mut() {
             motion.wake();
         }
-        Ok(hit)
+        Ok(())
     }
 
     /// Holds what is within the finger's radius of `pick` where it is. How many nodes that are.
