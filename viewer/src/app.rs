@@ -28,6 +28,8 @@ use web_time::Instant;
 
 /// How deep strokes cut where nobody chose, over the body's diagonal.
 const CUT_DEPTH: f64 = 0.1;
+/// Where the rest is narrower, in points, panels are shown only to who asks for them.
+const NARROW: f32 = 480.0;
 /// Width of the tools at the left, in points.
 const HANDS: f32 = 72.0;
 
@@ -109,6 +111,8 @@ pub struct App {
     /// A picture that is saved as soon as it is there.
     pub(crate) saved_picture: Option<SavedPicture>,
     log: Option<FrameLog>,
+    /// Whether the panels are shown, where somebody said.
+    pub(crate) panels_shown: Option<bool>,
     /// Told of every frame.
     pub(crate) told: Option<Told>,
     frames: Frames,
@@ -158,6 +162,7 @@ impl App {
             watched: None,
             saved_picture: None,
             log: log.map_err(|e| e.to_string())?,
+            panels_shown: None,
             told: None,
             frames: Frames {
                 last: now,
@@ -257,6 +262,11 @@ impl App {
 }
 
 impl eframe::App for App {
+    #[cfg(target_arch = "wasm32")]
+    fn as_any_mut(&mut self) -> Option<&mut dyn std::any::Any> {
+        Some(self)
+    }
+
     fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
         let began = Instant::now();
         let frame_ms = 1e3 * began.duration_since(self.frames.last).as_secs_f64();
@@ -282,10 +292,13 @@ impl eframe::App for App {
         egui::Panel::left("hands")
             .exact_size(HANDS)
             .show(ui, |ui| self.hands(ui));
-        egui::Panel::right("panels")
-            .default_size(300.0)
-            .size_range(220.0..=480.0)
-            .show(ui, |ui| self.panels(ui));
+        // On a phone they would leave no room for the picture.
+        if self.panels_shown.unwrap_or(ui.available_width() >= NARROW) {
+            egui::Panel::right("panels")
+                .default_size(300.0)
+                .size_range(220.0..=480.0)
+                .show(ui, |ui| self.panels(ui));
+        }
         egui::CentralPanel::default()
             .frame(egui::Frame::NONE)
             .show(ui, |ui| self.central(ui, frame));

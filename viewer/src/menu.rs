@@ -248,6 +248,11 @@ impl App {
             }
         }
         ui.checkbox(&mut self.orbit.orthographic, "Parallel rays (O)");
+        if item(ui, true, "Panels at the right, or none", None) {
+            let area = self.area.map_or(0.0, |area| area.rect.right());
+            let shown = area < context.content_rect().right() - 1.0;
+            self.panels_shown = Some(!shown);
+        }
         ui.separator();
         let before = self.settings.clone();
         ui.label("Mouse as in");

@@ -60,7 +60,10 @@ export class PalpateView extends HTMLElement {
     const viewer = new Viewer();
     const src = this.getAttribute("src");
     const example = src ? undefined : (this.getAttribute("example") ?? undefined);
-    await viewer.start(this.#canvas, example, (text) => this.#told(JSON.parse(text)));
+    await viewer.start(this.#canvas, example, (text) => {
+      // Not within the frame: whoever listens may call the viewer.
+      queueMicrotask(() => this.#told(JSON.parse(text)));
+    });
     this.#viewer = viewer;
     if (src) await this.#open();
   }
