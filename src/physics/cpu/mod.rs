@@ -12,6 +12,7 @@ mod coarse;
 mod contact;
 mod contact_blocks;
 mod contact_hull;
+mod contact_plain;
 mod contact_way;
 mod element_batches;
 mod element_kernels;
@@ -87,6 +88,8 @@ mod tools_tests;
 mod vectors;
 mod worker;
 
+pub(super) use contact_hull::Hull;
+pub(super) use contact_plain::PlainContact;
 #[cfg(feature = "rapier")]
 pub(super) use guard::Failure;
 #[cfg(feature = "rapier")]
@@ -95,6 +98,7 @@ pub(super) use loads::{Attachment, check_attachments};
 pub(super) use sending::send_loads;
 #[cfg(feature = "rapier")]
 pub(super) use stepped::{LoadChange, Stepped};
+pub(super) use tools::{HOLDS, check_contact, gap_of, stiff_faces};
 #[cfg(feature = "rapier")]
 pub(super) use tools::{Guided, faces_through};
 #[cfg(feature = "rapier")]
