@@ -15,6 +15,7 @@ struct DecideParams {
 @group(0) @binding(2) var<storage, read_write> status: Status;
 @group(0) @binding(3) var<storage, read_write> pushing: Pushing;
 @group(0) @binding(4) var<uniform> params: DecideParams;
+@group(0) @binding(5) var<storage, read_write> debug_log: array<vec4<f32>>;
 
 // Square of the residual to reach, over the forces of tools; and of that at which friction takes
 // over normal forces.
@@ -38,6 +39,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     if lane != 0u || status.failed != 0u || status.solving != 0u {
         return;
     }
+    debug_log[u32(debug_log[0].x) % 500u + 1u] = vec4(total.x, total.z, total.w, f32(pushing.round)); debug_log[0].x += 1.0;
     status.solving = 1u;
     let rubbed = pushing.rub != 0u;
     pushing.rub = 0u;

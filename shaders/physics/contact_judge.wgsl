@@ -13,6 +13,7 @@ struct JudgeParams {
 @group(0) @binding(next) var<storage, read_write> status: Status;
 @group(0) @binding(next) var<storage, read_write> pushing: Pushing;
 @group(0) @binding(next) var<uniform> params: JudgeParams;
+@group(0) @binding(next) var<storage, read_write> debug_log: array<vec4<f32>>;
 
 // Iterations after the last stage that are taken whatever they come to: they find what touches, and
 // those that go too far show it.
@@ -34,6 +35,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     if lane != 0u || status.failed != 0u || status.solving != 0u {
         return;
     }
+    debug_log[u32(debug_log[0].x) % 500u + 1u] = vec4(total.x, total.y, pushing.tried, f32(pushing.round) + 1000.0); debug_log[0].x += 1.0;
     let finding = pushing.stage < pushing.stages || pushing.follows != 0u
         || pushing.round < pushing.stages + FINDING;
     let rises = total.y < -RISES * abs(total.x);

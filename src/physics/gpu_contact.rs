@@ -84,6 +84,7 @@ pub(super) struct GpuContact {
     pub tools: wgpu::Buffer,
     pub fields: wgpu::Buffer,
     pub pushing: wgpu::Buffer,
+    pub debug_log: wgpu::Buffer,
     pub corners: Array,
     pub face_weights: Array,
     pub boundary_nodes: Array,
@@ -203,6 +204,7 @@ impl GpuContact {
             tools: gpu.buffer_of("tools", &data)?,
             fields: gpu.buffer_of("distances", &values)?,
             pushing: gpu.buffer_of("how tools push", &[[0u32; 16]])?,
+            debug_log: gpu.buffer_of("log", &vec![[0f32; 4]; 501])?,
             corners: gpu.array_of("boundary faces", Texel::U32x4, &lists.corners)?,
             face_weights: gpu.array_of("weights of faces", Texel::F32, &lists.weights)?,
             boundary_nodes: gpu.array_of("boundary nodes", Texel::U32x4, &lists.nodes)?,
@@ -219,6 +221,19 @@ impl GpuContact {
             known,
             hull,
         })
+    }
+
+    pub fn print_log(&self) {
+        let log: Vec<[f32; 4]> = self.gpu.read_buffer(&self.debug_log).unwrap_or_default();
+        let n = (log[0][0] as usize).min(500);
+        for l in &log[1..=n] {
+            if l[3] >= 1000.0 {
+                println!("   judge round {} s0 {:.3e} s1 {:.3e} tried {:.3}", l[3] - 1000.0, l[0], l[1], l[2]);
+            } else {
+                println!("   decide round {} rel {:.3e} rz {:.3e} contact {:.3e} pierced {}", l[3], (l[0] / l[1]).sqrt(), l[0], l[1], l[2]);
+            }
+        }
+        self.gpu.queue().write_buffer(&self.debug_log, 0, &[0u8; 16]);
     }
 
     /// Whether any tool has friction.

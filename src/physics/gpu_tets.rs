@@ -160,7 +160,9 @@ impl Simulator for GpuTets {
     }
 
     fn finish(&mut self) -> Result<Progress> {
-        self.progress = self.solver.finish(&mut self.body)?;
+        let done = self.solver.finish(&mut self.body);
+        if let Some(c) = self.body.contact.as_ref().filter(|_| std::env::var("DBG").is_ok()) { c.print_log(); }
+        self.progress = done?;
         Ok(self.progress)
     }
 

@@ -295,6 +295,7 @@ impl ContactSteps {
                 groups: core.groups,
                 rubs: u32::from(with.contact.rubs()),
             })
+            .write(&with.contact.debug_log)
             .over(core.workgroup)?;
         passes.push(decide);
         Ok(passes)
@@ -364,6 +365,7 @@ impl ContactSteps {
             .write(&with.core.status)
             .write(&with.contact.pushing)
             .params(&params)
+            .write(&with.contact.debug_log)
             .over(with.core.workgroup)
     }
 
