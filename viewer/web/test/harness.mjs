@@ -37,11 +37,11 @@ export function check(is, why) {
 
 const KINDS = { ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm" };
 
-/** Serves target/web, and data/ below it. */
-export async function serve() {
+/** Serves a folder with the page, and data/ below it. */
+export async function serve(site = path.join(ROOT, "target/web")) {
   const server = http.createServer((asked, answer) => {
     const name = decodeURIComponent(new URL(asked.url, "http://localhost").pathname);
-    const folder = name.startsWith("/data/") ? ROOT : path.join(ROOT, "target/web");
+    const folder = name.startsWith("/data/") ? ROOT : site;
     const file = path.join(folder, path.normalize(name === "/" ? "/index.html" : name));
     fs.readFile(file, (why, bytes) => {
       answer.writeHead(why ? 404 : 200, { "content-type": KINDS[path.extname(file)] ?? "application/octet-stream" });
@@ -162,12 +162,16 @@ export class Page {
     return file;
   }
 
-  /** Holds what is on the screen against the golden of this name, and keeps it. */
-  async holdAgainst(name, alike) {
+  /**
+   * Holds what is on the screen against the golden of this name. PALPATE_BLESS=1 writes those anew that
+   * are the page's own; look at them before committing.
+   */
+  async holdAgainst(name, alike, own = false) {
     await this.page.mouse.move(4, 700);
     await sleep(900);
     const shot = await this.shot(name);
     const golden = path.join(GOLDEN, `${name}.png`);
+    if (own && process.env.PALPATE_BLESS) fs.copyFileSync(shot, golden);
     const off = apart(golden, shot);
     console.log(`${name}: ${off.toFixed(4)} from its golden`);
     check(off <= alike, `${name}: ${off} from its golden, at most ${alike}; see ${shot}`);

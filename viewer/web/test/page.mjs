@@ -25,16 +25,20 @@ async function part(name, run) {
   console.log(`page: ${name} took ${((Date.now() - since) / 1000).toFixed(1)} s`);
 }
 
-function isError(events, part) {
-  const found = events.find(([name, detail]) => name === "error" && detail.message.includes(part));
-  check(found, `no error event tells of "${part}": ${JSON.stringify(events)}`);
+/** Waits for an event `error` that tells of something. */
+async function hear(view, what) {
+  const heard = [];
+  for (const since = Date.now(); Date.now() - since < 10_000; await sleep(50)) {
+    heard.push(...(await view.events()));
+    if (heard.some(([name, detail]) => name === "error" && detail.message.includes(what))) return;
+  }
+  throw new Error(`no event \`error\` tells of "${what}": ${JSON.stringify(heard)}`);
 }
 
 /** Opens, goes round, presses, pulls, edits, clips and undoes, by the goldens of the window. */
 async function session() {
   const view = await Page.open(browser, `${at}/?example=limb`);
-  await view.wait("a picture", (state) => state.pictures > 0);
-  await sleep(500);
+  await view.page.waitForFunction("window.firstPicture", { timeout: 60_000 });
   const [first, arrived] = await view.page.evaluate(() => {
     const wasm = performance.getEntriesByType("resource").find((entry) => entry.name.endsWith(".wasm"));
     return [window.firstPicture, wasm.responseEnd];
@@ -63,7 +67,7 @@ async function session() {
   await view.hold([400, 400], [400, 440]);
   const pressed = await view.wait("a press", (state) => state.force_n > 1);
   check(pressed.depth_m > 1e-3, JSON.stringify(pressed));
-  await view.rest();
+  await sleep(1000);
   check(apart(side, await view.shot("pressed")) > 0.005, "a press is not seen");
   await view.letGo();
   check((await view.state()).force_n === null, "a press that was let go still has a force");
@@ -145,7 +149,7 @@ async function files() {
     check(why.includes(name), `load() of ${name} does not reject with why: ${JSON.stringify(why)}`);
     const said = await view.wait("an error", (state) => state.error);
     check(said.said.includes(name) && said.name === "ball.toml", JSON.stringify(said));
-    isError(await view.events(), name);
+    await hear(view, name);
     console.log(`  ${why}`);
   }
   await view.drop([["dropped.vtu", "<VTKFile>"]]);
@@ -153,7 +157,7 @@ async function files() {
   await view.events();
   await view.page.evaluate(() => document.querySelector("palpate-view").setAttribute("src", "none.vtu"));
   await view.wait("what is not there", (state) => state.error && state.said.includes("404"));
-  isError(await view.events(), "none.vtu: 404");
+  await hear(view, "none.vtu: 404");
   await view.shot("bad");
 
   // None of that keeps anything from being opened.
@@ -198,7 +202,7 @@ async function phone() {
   await view.rest();
   const wide = await view.page.evaluate(() => document.documentElement.scrollWidth);
   check(wide <= 390, `the page is ${wide} pixels wide on a phone of 390`);
-  await view.holdAgainst("phone", ALIKE);
+  await view.holdAgainst("phone", ALIKE, true);
   const before = (await view.state()).camera;
   await view.page.touchscreen.touchStart(200, 300);
   for (let n = 1; n <= 8; n++) await view.page.touchscreen.touchMove(200 + 10 * n, 300);
@@ -218,7 +222,7 @@ async function lost() {
   await view.wait("the loss", (state) => state.error);
   const said = await view.page.evaluate(() => document.querySelector("palpate-view").shadowRoot.textContent);
   check(said.includes("lost the graphics device"), said);
-  isError(await view.events(), "lost the graphics device");
+  await hear(view, "lost the graphics device");
   const refused = await view.page.evaluate(() =>
     document.querySelector("palpate-view").press(0.5, 0.5, 0.01).then(() => "", (why) => why.message));
   check(refused.includes("lost"), `press() says "${refused}" where there is no device`);
