@@ -57,7 +57,8 @@ export interface PalpateViewEventMap extends Omit<HTMLElementEventMap, "load" | 
  * `<palpate-view src="liver.vtu" transfer="tissue">`.
  *
  * Attributes: `src`, the address of a mesh, a volume, a closed surface or a scene; `example`, the name
- * of a body that ships (limb, knee, heart, head, foot, breast); `transfer`, a preset of colours.
+ * of a body that ships (limb, knee, heart, head, foot, breast), shown where there is no `src` when the
+ * element comes into the page; `transfer`, a preset of colours.
  *
  * Events: see `PalpateViewEventMap`. None of them bubbles.
  */

@@ -14,7 +14,7 @@ const NO_ADAPTER =
   "This page draws with WebGPU, for which this browser finds no graphics device that it trusts. " +
   "Switch on graphics acceleration in its settings, or update the graphics driver.";
 const LOST =
-  "The browser lost the graphics device, and with it the body as it was pressed and cut.";
+  "The browser lost the graphics device, and with it the body as it was.";
 const ENDED = "The viewer stopped by a mistake of its own; reload the page to begin anew.";
 const STYLE =
   ":host { display: block; position: relative; min-height: 200px } " +
@@ -50,7 +50,7 @@ async function bytesOf(what) {
 }
 
 export class PalpateView extends HTMLElement {
-  static observedAttributes = ["src", "example", "transfer"];
+  static observedAttributes = ["src", "transfer"];
 
   #viewer;
   #shown;
@@ -68,9 +68,7 @@ export class PalpateView extends HTMLElement {
   }
 
   attributeChangedCallback(name, before, now) {
-    if (before === now || !this.#viewer) return;
-    // What is wrong with it the viewer says.
-    this.#open().catch(() => {});
+    if (before !== now && this.#shown) this.#open();
   }
 
   #start() {
@@ -82,6 +80,7 @@ export class PalpateView extends HTMLElement {
     const shown = this.#begin(root.querySelector("canvas"), () => this.#shown === shown);
     this.#shown = shown;
     shown.catch((why) => this.#shown === shown && this.#stop(why?.message ?? String(why)));
+    this.#open();
   }
 
   /** Shows a viewer on `canvas`, as long as it is `wanted`. */
@@ -100,7 +99,6 @@ export class PalpateView extends HTMLElement {
     await viewer.start(canvas, example, told, ended);
     if (!wanted()) return viewer.destroy();
     this.#viewer = viewer;
-    this.#open().catch(() => {});
   }
 
   /** Frees the canvas, the device and whoever waits. */
@@ -132,9 +130,10 @@ export class PalpateView extends HTMLElement {
     this.#tell("error", { message });
   }
 
-  async #open() {
+  #open() {
     const src = this.getAttribute("src");
-    if (src) await this.load(new URL(src, document.baseURI).href);
+    // What is wrong with it the viewer says.
+    if (src) this.load(new URL(src, document.baseURI).href).catch(() => {});
   }
 
   #tell(name, detail) {
@@ -145,18 +144,22 @@ export class PalpateView extends HTMLElement {
   #told(frame) {
     const last = this.#last;
     this.#last = frame;
-    if (frame.lost !== null) return this.#stop(`${LOST} (${frame.lost || "it does not say why"})`, true);
-    if (frame.opened > (last.opened ?? 0)) {
-      this.#settle();
-      this.#tell("load", { name: frame.name, tets: frame.tets });
-    }
+    if (frame.lost !== null) return this.#stop(`${LOST} Its reason: ${frame.lost || "none"}`, true);
+    if (frame.opened > (last.opened ?? 0)) this.#tell("load", { name: frame.name, tets: frame.tets });
     if (frame.error && !(last.error && frame.said === last.said)) this.#tell("error", { message: frame.said });
-    // Cancelled, or nothing that can be opened; a frame may be older than what is waited for.
-    if (this.#waits && !frame.loading && !this.state().loading) this.#settle(new Error(this.state().said));
+    if (this.#waits) this.#look();
     if (frame.force_n !== null && frame.force_n !== last.force_n) {
       this.#tell("press", { force: frame.force_n, depth: frame.depth_m });
     }
     if (JSON.stringify(frame.camera) !== JSON.stringify(last.camera)) this.#tell("camera", this.camera());
+  }
+
+  /** Looks whether what is waited for was opened, or cannot be. */
+  #look() {
+    // The frame that was told may be older than what is waited for.
+    const state = this.state();
+    if (state.loading) return;
+    this.#settle(state.opened > this.#waits.opened ? undefined : new Error(state.said));
   }
 
   /** Ends the wait for what is being opened; with why, if it was not. */
@@ -191,9 +194,10 @@ export class PalpateView extends HTMLElement {
     if (this.#viewer !== viewer) throw new Error("the element is not in a page any more");
     const called = name ?? what.name ?? decodeURIComponent(String(what).split(/[?#]/)[0].split("/").pop());
     viewer.put(called, bytes);
-    const opened = new Promise((resolve, reject) => (this.#waits = { resolve, reject }));
+    const { opened } = this.state();
+    const shown = new Promise((resolve, reject) => (this.#waits = { resolve, reject, opened }));
     viewer.open(called, this.getAttribute("transfer") ?? undefined);
-    return opened;
+    return shown;
   }
 
   /** Puts a file ready that a scene names. */

@@ -16,6 +16,8 @@ const PALPATE = process.env.PALPATE;
 export const OUT = path.join(ROOT, "target/page");
 fs.rmSync(OUT, { recursive: true, force: true });
 fs.mkdirSync(OUT, { recursive: true });
+/** Points at the lower edge in which times and rates are told. */
+const STATUS = 26;
 /** So many milliseconds are waited for anything. */
 const WAIT = 120_000;
 
@@ -64,12 +66,14 @@ export function launch({ webgpu = true, size = [1024, 768] } = {}) {
 
 /** A page with the viewer in it. */
 export class Page {
-  static async open(browser, address) {
+  /** Opened, once the browser was `prepared`. */
+  static async open(browser, address, prepared = () => {}) {
     const page = await browser.newPage();
     const self = new Page(page);
     page.on("console", (said) => self.said.push(`${said.type()}: ${said.text()}`));
     page.on("pageerror", (why) => self.said.push(`pageerror: ${why.stack ?? why}`));
     await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: "dark" }]);
+    await page.evaluateOnNewDocument(prepared);
     await page.evaluateOnNewDocument(watch);
     await page.goto(address);
     return self;
@@ -155,10 +159,11 @@ export class Page {
     }, files.map(([name, bytes]) => [name, Buffer.from(bytes).toString("base64")]));
   }
 
-  /** What is on the screen, without the line at the lower edge where times are told. */
-  async shot(name, { width, height } = this.page.viewport()) {
+  /** What is on the screen; unless the whole of it, without the line at the lower edge where times are told. */
+  async shot(name, whole = false) {
+    const { width, height } = this.page.viewport();
     const file = path.join(OUT, `${name}.png`);
-    await this.page.screenshot({ path: file, clip: { x: 0, y: 0, width, height: height - 26 } });
+    await this.page.screenshot({ path: file, clip: { x: 0, y: 0, width, height: whole ? height : height - STATUS } });
     return file;
   }
 

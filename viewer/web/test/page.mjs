@@ -158,7 +158,7 @@ async function files() {
   await view.page.evaluate(() => document.querySelector("palpate-view").setAttribute("src", "none.vtu"));
   await view.wait("what is not there", (state) => state.error && state.said.includes("404"));
   await hear(view, "none.vtu: 404");
-  await view.shot("bad");
+  await view.shot("bad", true);
 
   // None of that keeps anything from being opened.
   await view.call("load", `${at}/data/ball.vtu`);
@@ -233,19 +233,27 @@ async function lost() {
   await view.page.close();
 }
 
-/** Without WebGPU the page says so. */
+/** Without WebGPU, or a device for it, the page says so. */
 async function without() {
   const old = await launch({ webgpu: false, size: [640, 400] });
-  try {
-    const view = await Page.open(old, `${at}/`);
+  const said = async (name, prepare) => {
+    const view = await Page.open(old, `${at}/`, prepare);
     const state = await view.wait("why there is no picture", (state) => state.error);
-    check(state.said.includes("WebGPU"), state.said);
-    const said = await view.page.evaluate(() => {
+    const shown = await view.page.evaluate(() => {
       const alert = document.querySelector("palpate-view").shadowRoot.querySelector("[role=alert]");
       return alert?.offsetHeight > 0 ? alert.innerText : "";
     });
-    check(said.includes("WebGPU"), `the page shows "${said}"`);
-    await view.shot("without");
+    check(shown.includes(state.said), `the page shows "${shown}", not "${state.said}"`);
+    await view.shot(name, true);
+    return shown;
+  };
+  try {
+    const none = await said("without_device");
+    check(none.includes("WebGPU, for which this browser finds no graphics device"), none);
+    const old = await said("without", () => {
+      Object.defineProperty(Navigator.prototype, "gpu", { get: () => undefined });
+    });
+    check(old.includes("WebGPU, which this browser does not have"), old);
   } finally {
     await old.close();
   }
