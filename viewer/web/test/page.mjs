@@ -233,6 +233,23 @@ async function lost() {
   await view.page.close();
 }
 
+/** A mistake of the viewer's own ends it, which the page says. */
+async function ended() {
+  const view = await Page.open(browser, `${at}/?example=limb`);
+  await view.wait("a picture", (state) => state.pictures > 0);
+  await view.page.evaluate(async () => {
+    const { Viewer } = await import("./palpate_view.js");
+    const canvas = document.body.appendChild(document.createElement("canvas"));
+    const viewer = new Viewer();
+    // That is one: to end a viewer within its own frame.
+    viewer.start(canvas, undefined, () => viewer.destroy(), () => {}).catch(() => {});
+  });
+  const state = await view.wait("the end", (state) => state.error);
+  check(state.said.includes("reload the page"), state.said);
+  await view.shot("ended", true);
+  await view.page.close();
+}
+
 /** Without WebGPU, or a device for it, the page says so. */
 async function without() {
   const old = await launch({ webgpu: false, size: [640, 400] });
@@ -259,7 +276,7 @@ async function without() {
   }
 }
 
-const PARTS = { session, files, use, phone, lost, without };
+const PARTS = { session, files, use, phone, lost, ended, without };
 const wanted = process.argv.slice(2);
 try {
   browser = await launch();
