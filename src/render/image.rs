@@ -1,7 +1,6 @@
 //! Pictures in memory, and their files.
 
 use crate::{Error, Result};
-use std::io::Cursor;
 use std::path::Path;
 
 /// A picture of floats, row by row from the top.
@@ -164,7 +163,15 @@ impl Image {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
         let bytes = match extension.to_ascii_lowercase().as_str() {
             "png" => self.png(background, depth),
+            #[cfg(not(target_arch = "wasm32"))]
             "exr" => self.exr(),
+            #[cfg(target_arch = "wasm32")]
+            "exr" => {
+                return Err(Error::Input(format!(
+                    "{}: in a browser pictures are written as .png alone",
+                    path.display()
+                )));
+            }
             _ => {
                 return Err(Error::Input(format!(
                     "{}: pictures are written as .png or .exr",
@@ -240,8 +247,9 @@ impl Image {
     }
 
     /// Raw floats; one channel is written thrice, since readers of EXR expect colours.
+    #[cfg(not(target_arch = "wasm32"))]
     fn exr(&self) -> image::ImageResult<Vec<u8>> {
-        let mut file = Cursor::new(Vec::new());
+        let mut file = std::io::Cursor::new(Vec::new());
         let encoder = image::codecs::openexr::OpenExrEncoder::new(&mut file);
         let (colour, values): (_, Vec<f32>) = if self.channels == 1 {
             let grey = self.values.iter().flat_map(|v| [*v; 3]);

@@ -17,12 +17,12 @@ use crate::system::Chosen;
 use eframe::egui;
 use eframe::egui_wgpu::{SurfaceConfig, WgpuConfiguration, WgpuSetupCreateNew};
 use glam::DVec3;
-use palpate::Result;
 use palpate::gpu::Gpu;
 use palpate::render::Camera;
+use palpate::{Error, Result};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use web_time::Instant;
 
@@ -76,6 +76,33 @@ pub(crate) fn device() -> WgpuConfiguration {
     }
 }
 
+/// What the device says without being asked: why it is gone, and what it refused.
+#[derive(Default)]
+pub(crate) struct Trouble {
+    pub lost: Option<String>,
+    refused: Option<String>,
+}
+
+/// Has what goes wrong on the device noted, and looked at by the next frame.
+fn listen(device: &wgpu::Device, context: &egui::Context) -> Arc<Mutex<Trouble>> {
+    let trouble = Arc::new(Mutex::new(Trouble::default()));
+    let (noted, looks) = (trouble.clone(), context.clone());
+    device.set_device_lost_callback(move |_, why| {
+        lock(&noted).lost = Some(why);
+        looks.request_repaint();
+    });
+    let (noted, looks) = (trouble.clone(), context.clone());
+    device.on_uncaptured_error(Arc::new(move |why: wgpu::Error| {
+        lock(&noted).refused = Some(why.to_string());
+        looks.request_repaint();
+    }));
+    trouble
+}
+
+fn lock(trouble: &Mutex<Trouble>) -> MutexGuard<'_, Trouble> {
+    trouble.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Who is told of every frame.
 pub(crate) type Told = Box<dyn FnMut(&Frame)>;
 
@@ -115,6 +142,9 @@ pub struct App {
     pub(crate) panels_shown: Option<bool>,
     /// Told of every frame.
     pub(crate) told: Option<Told>,
+    trouble: Arc<Mutex<Trouble>>,
+    /// Bodies that were opened.
+    pub(crate) opened: u64,
     frames: Frames,
 }
 
@@ -164,6 +194,8 @@ impl App {
             log: log.map_err(|e| e.to_string())?,
             panels_shown: None,
             told: None,
+            trouble: listen(&state.device, &creation.egui_ctx),
+            opened: 0,
             frames: Frames {
                 last: now,
                 since: (now, 0),
@@ -246,12 +278,25 @@ impl App {
             force_n: show.and_then(Show::force),
             depth_m: show.and_then(|s| s.samples.last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
+            lost: lock(&self.trouble).lost.clone(),
+            opened: self.opened,
             said: self.said.0.clone(),
             error: self.said.1,
             name: self.document.as_ref().map(|d| d.name.clone()),
             loading: self.loading.as_ref().map(|l| l.name.clone()),
             time_s: show.map_or(0.0, |s| s.stage().time()),
             playing: show.is_some_and(|s| s.playing),
+        }
+    }
+
+    /// What went wrong on the device since the last frame; once it is gone, that.
+    fn device_trouble(&self) -> Option<Error> {
+        let checked = self.gpu.check().err();
+        let mut trouble = lock(&self.trouble);
+        let refused = trouble.refused.take();
+        match &trouble.lost {
+            Some(why) => Some(Error::DeviceLost(why.clone())),
+            None => refused.map(Error::Gpu).or(checked),
         }
     }
 
@@ -302,7 +347,7 @@ impl eframe::App for App {
         egui::CentralPanel::default()
             .frame(egui::Frame::NONE)
             .show(ui, |ui| self.central(ui, frame));
-        if let Err(why) = self.gpu.check() {
+        if let Some(why) = self.device_trouble() {
             self.said = (why.to_string(), true);
         }
         if self.loading.is_some() {

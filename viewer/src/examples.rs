@@ -15,13 +15,15 @@ pub struct Example {
 }
 
 const LIMB: (&str, &[u8]) = ("limb.json", include_bytes!("../../data/limb.json"));
+/// What is seen first is not meshed first.
+const LIMB_MESH: (&str, &[u8]) = ("limb_10k.vtu", include_bytes!("../../data/limb_10k.vtu"));
 
 /// All of them.
 pub const EXAMPLES: &[Example] = &[
     Example {
         name: "Limb",
         text: include_str!("../examples/limb.toml"),
-        files: &[LIMB],
+        files: &[LIMB, LIMB_MESH],
     },
     Example {
         name: "Knee",

@@ -29,6 +29,10 @@ pub struct Frame {
     pub depth_m: Option<f64>,
     /// Memory of the process, MB, where the system tells it.
     pub memory_mb: Option<f64>,
+    /// Bodies that were opened.
+    pub opened: u64,
+    /// Why the device is gone.
+    pub lost: Option<String>,
     /// What is said in the status line.
     pub said: String,
     /// Whether that is an error.
@@ -77,8 +81,15 @@ impl FrameLog {
 }
 
 /// Memory of this process, MB, where the system tells it.
+#[cfg(not(target_arch = "wasm32"))]
 pub fn memory_mb() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     let pages: f64 = text.split_whitespace().nth(1)?.parse().ok()?;
     Some(pages * 4096.0 * 1e-6)
+}
+
+/// Memory of the module, MB.
+#[cfg(target_arch = "wasm32")]
+pub fn memory_mb() -> Option<f64> {
+    Some(core::arch::wasm32::memory_size(0) as f64 * 65536.0 * 1e-6)
 }

@@ -150,6 +150,7 @@ impl App {
                 let title = format!("{} — Palpate", document.name);
                 context.send_viewport_cmd(egui::ViewportCommand::Title(title));
                 self.document = Some(document);
+                self.opened += 1;
             }
             // What was chosen of how time goes by stays, and what was edited since it began.
             (None, Some(old), Some(document)) => {

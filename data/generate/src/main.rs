@@ -31,6 +31,7 @@ pub fn meshes() -> Result<Vec<(&'static str, TetMesh)>> {
         ("ball.vtu", with_depth(ball(0.05, 8)?)?),
         ("duct.vtu", with_depth(duct([9, 9, 6], size, Bore::Round)?)?),
         ("limb.vtu", limb(20_000)?),
+        ("limb_10k.vtu", limb(10_000)?),
         ("bars.vtu", bars::bodies()?),
     ])
 }

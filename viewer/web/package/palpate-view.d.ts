@@ -9,43 +9,68 @@ export interface Camera {
   orthographic?: number | null;
 }
 
-/** What is known of a frame. */
+/** What is known of the last frame. Where there is none, because the viewer could not be shown or ended, `said` tells why. */
 export interface State {
   /** What is open, and what is being opened. */
   name: string | null;
   loading: string | null;
   tets: number;
   steps: number;
+  /** Iterations of the last step's linear solve. */
+  iterations: number;
   pictures: number;
   /** Simulated time, s. */
   time_s: number;
   playing: boolean;
+  /** Bodies that were opened so far. */
+  opened: number;
+  /** Why the graphics device is gone; null while it is there. */
+  lost: string | null;
   /** Force of the press, N, and its depth, m. */
   force_n: number | null;
   depth_m: number | null;
   /** What the status line says, and whether that is an error. */
   said: string;
   error: boolean;
+  /** Since the frame before, and what the interface and the step took of that, ms. */
   frame_ms: number;
   ui_ms: number;
+  /** Memory of the module, MB; it never shrinks. */
+  memory_mb: number | null;
   /** Eye, and what it looks at. */
   camera: [[number, number, number], [number, number, number]];
+}
+
+/** Its own events, all of them `CustomEvent`s with this `detail`. */
+export interface PalpateViewEventMap extends Omit<HTMLElementEventMap, "load" | "error"> {
+  /** A body is shown. */
+  load: CustomEvent<{ name: string; tets: number }>;
+  /** Something failed; `message` says what, where, and what to do. */
+  error: CustomEvent<{ message: string }>;
+  /** A step of a press: its force, N, and its depth, m. */
+  press: CustomEvent<{ force: number; depth: number }>;
+  /** The view is another one. */
+  camera: CustomEvent<Camera>;
 }
 
 /**
  * `<palpate-view src="liver.vtu" transfer="tissue">`.
  *
  * Attributes: `src`, the address of a mesh, a volume, a closed surface or a scene; `example`, the name
- * of a body that ships (limb, knee, heart, head, foot, breast); `transfer`, a preset of colours.
+ * of a body that ships (limb, knee, heart, head, foot, breast), shown where there is no `src` when the
+ * element comes into the page; `transfer`, a preset of colours.
  *
- * Events: `load` ({name, tets}), `error` ({message}), `press` ({force, depth}), `camera` (Camera).
+ * Events: see `PalpateViewEventMap`. None of them bubbles.
  */
 export class PalpateView extends HTMLElement {
-  /** Opens what an address, a File or bytes with a name hold. */
+  /**
+   * Opens what an address, a File or bytes with a name hold. Ends once it is shown; rejects with what
+   * is wrong with it, and what was open before still is. The name's ending says what it is.
+   */
   load(what: string | Blob | ArrayBuffer | Uint8Array, name?: string): Promise<void>;
   /** Puts a file ready that a scene names. */
-  put(name: string, bytes: ArrayBuffer | Uint8Array): Promise<void>;
-  /** The camera; with one given, looks by it. */
+  put(name: string, bytes: string | Blob | ArrayBuffer | Uint8Array): Promise<void>;
+  /** The camera, once there is one; with one given, looks by it. */
   camera(camera?: Camera): Camera | undefined;
   /** Presses on what is seen at x, y (0 to 1, to the right and down), so many metres deep. */
   press(x: number, y: number, depth: number): Promise<void>;
@@ -55,6 +80,17 @@ export class PalpateView extends HTMLElement {
   picture(width?: number, height?: number): Promise<Blob>;
   /** What is known of the last frame. */
   state(): Partial<State>;
+
+  addEventListener<K extends keyof PalpateViewEventMap>(
+    type: K,
+    listener: (this: PalpateView, event: PalpateViewEventMap[K]) => void,
+    options?: boolean | AddEventListenerOptions,
+  ): void;
+  addEventListener(
+    type: string,
+    listener: EventListenerOrEventListenerObject,
+    options?: boolean | AddEventListenerOptions,
+  ): void;
 }
 
 declare global {

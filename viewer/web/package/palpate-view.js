@@ -7,124 +7,202 @@ const NO_WEBGPU =
   "This page draws with WebGPU, which this browser does not have or has switched off. " +
   "Chrome and Edge from 113 on, Safari from 26 on and Firefox from 141 on have it; " +
   "on Linux it may have to be switched on.";
+const NOT_SECURE =
+  "This page draws with WebGPU, which browsers give to safe addresses alone: " +
+  "open it by https, or from localhost.";
+const NO_ADAPTER =
+  "This page draws with WebGPU, for which this browser finds no graphics device that it trusts. " +
+  "Switch on graphics acceleration in its settings, or update the graphics driver.";
+const LOST =
+  "The browser lost the graphics device, and with it the body as it was.";
+const ENDED = "The viewer stopped by a mistake of its own; reload the page to begin anew.";
+const STYLE =
+  ":host { display: block; position: relative; min-height: 200px } " +
+  "canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; outline: none } " +
+  "div { font: 16px/1.5 sans-serif; max-width: 40em; margin: 2em auto; padding: 0 1em; color: #999 } " +
+  "button { font: inherit; padding: 0.3em 1em }";
 
-let ready;
+let module;
+
+/** The module, fetched and compiled once for all elements. */
+function ready() {
+  module ??= init({ module_or_path: WASM }).catch((why) => {
+    module = undefined;
+    throw new Error(`${WASM.href}: ${why.message ?? why}`);
+  });
+  return module;
+}
 
 /** The bytes at an address; an error that says what was asked for. */
 async function fetched(url) {
   const answer = await fetch(url).catch((why) => {
-    throw new Error(`${url}: ${why.message}`);
+    throw new Error(`${url}: ${why.message}; a server of another site has to allow it (CORS)`);
   });
   if (!answer.ok) throw new Error(`${url}: ${answer.status} ${answer.statusText}`);
   return new Uint8Array(await answer.arrayBuffer());
 }
 
+async function bytesOf(what) {
+  if (what instanceof Uint8Array) return what;
+  if (what instanceof ArrayBuffer) return new Uint8Array(what);
+  if (what instanceof Blob) return new Uint8Array(await what.arrayBuffer());
+  return fetched(what);
+}
+
 export class PalpateView extends HTMLElement {
-  static observedAttributes = ["src", "example", "transfer"];
+  static observedAttributes = ["src", "transfer"];
 
   #viewer;
-  #canvas;
   #shown;
   #last = {};
+  #ended;
   #wanted = Promise.resolve();
+  #waits;
 
   connectedCallback() {
-    if (this.#shown) return;
-    const root = this.shadowRoot ?? this.attachShadow({ mode: "open" });
-    root.innerHTML =
-      "<style>:host { display: block; position: relative; min-height: 200px } " +
-      "canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; outline: none } " +
-      "p { font: 16px/1.5 sans-serif; max-width: 40em; margin: 2em auto; padding: 0 1em; color: #888 }</style>" +
-      "<canvas tabindex='0' aria-label='A body that can be pressed on'></canvas>";
-    this.#canvas = root.querySelector("canvas");
-    this.#shown = this.#begin();
-    this.#shown.catch((why) => this.#fail(why));
+    if (!this.#shown) this.#start();
   }
 
   disconnectedCallback() {
-    const viewer = this.#viewer;
-    this.#viewer = undefined;
-    this.#shown = undefined;
-    viewer?.destroy();
+    this.#end();
   }
 
   attributeChangedCallback(name, before, now) {
-    if (before === now || !this.#viewer) return;
-    this.#open().catch((why) => this.#fail(why));
+    if (before !== now && this.#shown) this.#open();
   }
 
-  async #begin() {
-    if (!navigator.gpu || !(await navigator.gpu.requestAdapter())) throw new Error(NO_WEBGPU);
-    ready ??= init({ module_or_path: WASM });
-    await ready;
+  #start() {
+    const root = this.shadowRoot ?? this.attachShadow({ mode: "open" });
+    root.innerHTML =
+      `<style>${STYLE}</style><canvas tabindex="0" aria-label="A body that can be pressed on"></canvas>`;
+    this.#last = {};
+    this.#ended = undefined;
+    const shown = this.#begin(root.querySelector("canvas"), () => this.#shown === shown);
+    this.#shown = shown;
+    shown.catch((why) => this.#shown === shown && this.#stop(why?.message ?? String(why)));
+    this.#open();
+  }
+
+  /** Shows a viewer on `canvas`, as long as it is `wanted`. */
+  async #begin(canvas, wanted) {
+    if (!navigator.gpu) throw new Error(window.isSecureContext ? NO_WEBGPU : NOT_SECURE);
+    const [adapter] = await Promise.all([navigator.gpu.requestAdapter(), ready()]);
+    if (!adapter) throw new Error(NO_ADAPTER);
     const viewer = new Viewer();
-    const src = this.getAttribute("src");
-    const example = src ? undefined : (this.getAttribute("example") ?? undefined);
-    await viewer.start(this.#canvas, example, (text) => {
-      // Not within the frame: whoever listens may call the viewer.
-      queueMicrotask(() => this.#told(JSON.parse(text)));
-    });
+    const example = this.getAttribute("src") ? undefined : (this.getAttribute("example") ?? undefined);
+    // Not within the frame: whoever listens may call the viewer.
+    const told = (text) => queueMicrotask(() => this.#viewer === viewer && this.#told(JSON.parse(text)));
+    const ended = (why) => {
+      console.error(why);
+      queueMicrotask(() => wanted() && this.#stop(ENDED));
+    };
+    await viewer.start(canvas, example, told, ended);
+    if (!wanted()) return viewer.destroy();
     this.#viewer = viewer;
-    if (src) await this.#open();
   }
 
-  /** Without a body there is nothing else to see; with one the viewer's own line says it. */
-  #fail(why) {
-    const message = why?.message ?? String(why);
-    if (!this.#viewer && this.shadowRoot) {
-      const said = document.createElement("p");
-      said.setAttribute("role", "alert");
-      said.textContent = message;
-      this.shadowRoot.querySelector("canvas")?.replaceWith(said);
-    } else {
-      this.#viewer?.say(message);
+  /** Frees the canvas, the device and whoever waits. */
+  #end(why = "the element is not in a page any more") {
+    const viewer = this.#viewer;
+    this.#viewer = undefined;
+    this.#shown = undefined;
+    this.#settle(new Error(why));
+    try {
+      viewer?.destroy();
+    } catch {
+      // A module that has ended cannot be called.
     }
-    this.dispatchEvent(new CustomEvent("error", { detail: { message } }));
   }
 
-  async #open() {
+  /** Says in the place of the picture why there is none; `again` if it may be had by beginning anew. */
+  #stop(message, again = false) {
+    this.#end(message);
+    this.#ended = message;
+    const said = document.createElement("div");
+    said.setAttribute("role", "alert");
+    said.append(Object.assign(document.createElement("p"), { textContent: message }));
+    if (again) {
+      const button = Object.assign(document.createElement("button"), { textContent: "Show it again" });
+      button.addEventListener("click", () => this.#start());
+      said.append(button);
+    }
+    this.shadowRoot.querySelector("canvas")?.replaceWith(said);
+    this.#tell("error", { message });
+  }
+
+  #open() {
     const src = this.getAttribute("src");
-    if (src) await this.load(new URL(src, document.baseURI).href);
+    // What is wrong with it the viewer says.
+    if (src) this.load(new URL(src, document.baseURI).href).catch(() => {});
+  }
+
+  #tell(name, detail) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
   }
 
   /** Compares a frame with the one before, and tells what is new. */
   #told(frame) {
     const last = this.#last;
     this.#last = frame;
-    const tell = (name, detail) => this.dispatchEvent(new CustomEvent(name, { detail }));
-    if (last.loading && !frame.loading && !frame.error) tell("load", { name: frame.name, tets: frame.tets });
-    if (frame.error && frame.said !== last.said) tell("error", { message: frame.said });
+    if (frame.lost !== null) return this.#stop(`${LOST} Its reason: ${frame.lost || "none"}`, true);
+    if (frame.opened > (last.opened ?? 0)) this.#tell("load", { name: frame.name, tets: frame.tets });
+    if (frame.error && !(last.error && frame.said === last.said)) this.#tell("error", { message: frame.said });
+    if (this.#waits) this.#look();
     if (frame.force_n !== null && frame.force_n !== last.force_n) {
-      tell("press", { force: frame.force_n, depth: frame.depth_m });
+      this.#tell("press", { force: frame.force_n, depth: frame.depth_m });
     }
-    if (JSON.stringify(frame.camera) !== JSON.stringify(last.camera)) tell("camera", this.camera());
+    if (JSON.stringify(frame.camera) !== JSON.stringify(last.camera)) this.#tell("camera", this.camera());
+  }
+
+  /** Looks whether what is waited for was opened, or cannot be. */
+  #look() {
+    // The frame that was told may be older than what is waited for.
+    const state = this.state();
+    if (state.loading) return;
+    this.#settle(state.opened > this.#waits.opened ? undefined : new Error(state.said));
+  }
+
+  /** Ends the wait for what is being opened; with why, if it was not. */
+  #settle(why) {
+    const waits = this.#waits;
+    this.#waits = undefined;
+    if (why) waits?.reject(why);
+    else waits?.resolve();
   }
 
   async #ready() {
+    if (this.#ended) throw new Error(this.#ended);
     await this.#shown;
     if (!this.#viewer) throw new Error("the element is not in a page");
     return this.#viewer;
   }
 
-  /** Opens what an address, a File or bytes with a name hold. */
+  /** Opens what an address, a File or bytes with a name hold; ends once it is shown. */
   load(what, name) {
-    this.#wanted = this.#wanted.catch(() => {}).then(async () => {
-      const viewer = this.#viewer ?? (await this.#ready());
-      const bytes =
-        what instanceof Uint8Array ? what
-        : what instanceof ArrayBuffer ? new Uint8Array(what)
-        : what instanceof Blob ? new Uint8Array(await what.arrayBuffer())
-        : await fetched(what);
-      const called = name ?? what.name ?? String(what).split(/[?#]/)[0].split("/").pop();
-      viewer.put(called, bytes);
-      viewer.open(called, this.getAttribute("transfer") ?? undefined);
-    });
+    this.#wanted = this.#wanted.catch(() => {}).then(() => this.#load(what, name));
     return this.#wanted;
+  }
+
+  async #load(what, name) {
+    const viewer = await this.#ready();
+    // The same mistake twice is told twice.
+    this.#last = { ...this.#last, error: false };
+    const bytes = await bytesOf(what).catch((why) => {
+      this.#viewer?.say(why.message);
+      throw why;
+    });
+    if (this.#viewer !== viewer) throw new Error("the element is not in a page any more");
+    const called = name ?? what.name ?? decodeURIComponent(String(what).split(/[?#]/)[0].split("/").pop());
+    viewer.put(called, bytes);
+    const { opened } = this.state();
+    const shown = new Promise((resolve, reject) => (this.#waits = { resolve, reject, opened }));
+    viewer.open(called, this.getAttribute("transfer") ?? undefined);
+    return shown;
   }
 
   /** Puts a file ready that a scene names. */
   async put(name, bytes) {
-    (await this.#ready()).put(name, new Uint8Array(bytes));
+    (await this.#ready()).put(name, await bytesOf(bytes));
   }
 
   /** The camera; with one given, looks by it. */
@@ -152,6 +230,7 @@ export class PalpateView extends HTMLElement {
 
   /** What is known of the last frame. */
   state() {
+    if (this.#ended) return { said: this.#ended, error: true };
     return this.#viewer ? JSON.parse(this.#viewer.state()) : {};
   }
 }

@@ -10,6 +10,8 @@ fn main() -> ExitCode {
     };
     let mut bindgen = wasm_bindgen_cli_support::Bindgen::new();
     bindgen.input_path(wasm).typescript(true);
+    bindgen.remove_name_section(true);
+    bindgen.remove_producers_section(true);
     match bindgen.web(true).and_then(|b| b.generate(folder)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {

@@ -1,0 +1,231 @@
+// A page in headless Chromium, on the software driver SwiftShader, and what it is held against.
+
+import { execFileSync, spawnSync } from "node:child_process";
+import fs from "node:fs";
+import http from "node:http";
+import { createRequire } from "node:module";
+import path from "node:path";
+import { fileURLToPath, pathToFileURL } from "node:url";
+
+export const ROOT = fileURLToPath(new URL("../../../", import.meta.url));
+const GOLDEN = path.join(ROOT, "viewer/tests/golden");
+/** What the page's driver is for programs outside of it. */
+const DRIVER = process.env.PALPATE_SWIFTSHADER;
+const PALPATE = process.env.PALPATE;
+/** Where screenshots go. */
+export const OUT = path.join(ROOT, "target/page");
+fs.rmSync(OUT, { recursive: true, force: true });
+fs.mkdirSync(OUT, { recursive: true });
+/** Points at the lower edge in which times and rates are told. */
+const STATUS = 26;
+/** So many milliseconds are waited for anything. */
+const WAIT = 120_000;
+
+// What is installed lies in no folder above this one.
+const installed = createRequire(path.join(process.env.PALPATE_NODE, "package.json"));
+const { default: puppeteer } = await import(pathToFileURL(installed.resolve("puppeteer-core")));
+
+const FLAGS = ["--no-sandbox", "--ignore-gpu-blocklist", "--disable-background-networking"];
+const GPU = [
+  "--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan",
+  "--use-vulkan=swiftshader", "--use-angle=swiftshader",
+];
+
+export const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
+
+export function check(is, why) {
+  if (!is) throw new Error(why);
+}
+
+const KINDS = { ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm" };
+
+/** Serves a folder with the page, and data/ below it. */
+export async function serve(site = path.join(ROOT, "target/web")) {
+  const server = http.createServer((asked, answer) => {
+    const name = decodeURIComponent(new URL(asked.url, "http://localhost").pathname);
+    const folder = name.startsWith("/data/") ? ROOT : site;
+    const file = path.join(folder, path.normalize(name === "/" ? "/index.html" : name));
+    fs.readFile(file, (why, bytes) => {
+      answer.writeHead(why ? 404 : 200, { "content-type": KINDS[path.extname(file)] ?? "application/octet-stream" });
+      answer.end(bytes);
+    });
+  });
+  await new Promise((done) => server.listen(0, "localhost", done));
+  return { server, at: `http://localhost:${server.address().port}` };
+}
+
+export function launch({ webgpu = true, size = [1024, 768] } = {}) {
+  const found = ["chromium", "chromium-browser"].map((name) =>
+    spawnSync("sh", ["-c", `command -v ${name}`], { encoding: "utf8" }).stdout.trim());
+  const executablePath = process.env.PALPATE_CHROMIUM ?? found.find((name) => name);
+  check(executablePath, "no Chromium was found; on Debian: apt install chromium");
+  const args = [...FLAGS, ...(webgpu ? GPU : ["--disable-features=WebGPU"])];
+  const [width, height] = size;
+  return puppeteer.launch({ executablePath, args, headless: true, protocolTimeout: 300_000, defaultViewport: { width, height } });
+}
+
+/** A page with the viewer in it. */
+export class Page {
+  /** Opened, once the browser was `prepared`. */
+  static async open(browser, address, prepared = () => {}) {
+    const page = await browser.newPage();
+    const self = new Page(page);
+    page.on("console", (said) => self.said.push(`${said.type()}: ${said.text()}`));
+    page.on("pageerror", (why) => self.said.push(`pageerror: ${why.stack ?? why}`));
+    await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: "dark" }]);
+    await page.evaluateOnNewDocument(prepared);
+    await page.evaluateOnNewDocument(watch);
+    await page.goto(address);
+    return self;
+  }
+
+  constructor(page) {
+    this.page = page;
+    this.said = [];
+  }
+
+  state() {
+    return this.page.evaluate(() => document.querySelector("palpate-view")?.state?.() ?? {});
+  }
+
+  /** Calls a function of the element. */
+  call(name, ...given) {
+    return this.page.evaluate(
+      (name, given) => document.querySelector("palpate-view")[name](...given), name, given);
+  }
+
+  /** Events of the element since they were last asked for. */
+  events() {
+    return this.page.evaluate(() => window.palpateEvents.splice(0));
+  }
+
+  async wait(what, is) {
+    const since = Date.now();
+    for (;;) {
+      const state = await this.state();
+      if (is(state)) return state;
+      const said = this.said.slice(-5).join("\n");
+      check(Date.now() - since < WAIT, `no sign of ${what}: ${JSON.stringify(state)}\n${said}`);
+      await sleep(50);
+    }
+  }
+
+  /** Waits until nothing is drawn any more. */
+  async rest() {
+    let before = [-1, Date.now()];
+    const since = Date.now();
+    while (Date.now() - before[1] < 900) {
+      const { pictures } = await this.state();
+      if (pictures !== before[0]) before = [pictures, Date.now()];
+      check(Date.now() - since < WAIT, "it never rests");
+      await sleep(50);
+    }
+  }
+
+  async key(name) {
+    await this.page.keyboard.press(name);
+    await sleep(200);
+  }
+
+  /** Presses the left button at a place and moves it to another, where it stays down. */
+  async hold([x, y], [toX, toY]) {
+    await this.page.mouse.move(x, y);
+    await this.page.mouse.down();
+    await sleep(100);
+    for (let n = 1; n <= 12; n++) {
+      await this.page.mouse.move(x + ((toX - x) * n) / 12, y + ((toY - y) * n) / 12);
+      await sleep(60);
+    }
+  }
+
+  async letGo() {
+    await sleep(400);
+    await this.page.mouse.up();
+    await this.rest();
+  }
+
+  /** Has events of a drop of files come. */
+  drop(files) {
+    return this.page.evaluate((files) => {
+      const dataTransfer = new DataTransfer();
+      for (const [name, bytes] of files) {
+        const binary = Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0));
+        dataTransfer.items.add(new File([binary], name));
+      }
+      const canvas = document.querySelector("palpate-view").shadowRoot.querySelector("canvas");
+      for (const kind of ["dragenter", "dragover", "drop"]) {
+        canvas.dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));
+      }
+    }, files.map(([name, bytes]) => [name, Buffer.from(bytes).toString("base64")]));
+  }
+
+  /** What is on the screen; unless the whole of it, without the line at the lower edge where times are told. */
+  async shot(name, whole = false) {
+    const { width, height } = this.page.viewport();
+    const file = path.join(OUT, `${name}.png`);
+    await this.page.screenshot({ path: file, clip: { x: 0, y: 0, width, height: whole ? height : height - STATUS } });
+    return file;
+  }
+
+  /**
+   * Holds what is on the screen against the golden of this name. PALPATE_BLESS=1 writes those anew that
+   * are the page's own; look at them before committing.
+   */
+  async holdAgainst(name, alike, own = false) {
+    await this.page.mouse.move(4, 700);
+    await sleep(900);
+    const shot = await this.shot(name);
+    const golden = path.join(GOLDEN, `${name}.png`);
+    if (own && process.env.PALPATE_BLESS) fs.copyFileSync(shot, golden);
+    const off = apart(golden, shot);
+    console.log(`${name}: ${off.toFixed(4)} from its golden`);
+    check(off <= alike, `${name}: ${off} from its golden, at most ${alike}; see ${shot}`);
+    return shot;
+  }
+
+  /** The picture, by the element. */
+  async picture(name, width, height) {
+    const bytes = await this.page.evaluate(async (width, height) => {
+      const blob = await document.querySelector("palpate-view").picture(width, height);
+      const read = new FileReader();
+      await new Promise((done) => Object.assign(read, { onload: done }).readAsDataURL(blob));
+      return read.result.split(",")[1];
+    }, width, height);
+    const file = path.join(OUT, `${name}.png`);
+    fs.writeFileSync(file, Buffer.from(bytes, "base64"));
+    return file;
+  }
+}
+
+/** Within the page: keeps events, and notes when there was a first picture. */
+function watch() {
+  window.palpateEvents = [];
+  document.addEventListener("DOMContentLoaded", () => {
+    const view = document.querySelector("palpate-view");
+    for (const name of ["load", "error", "press", "camera"]) {
+      view.addEventListener(name, (event) => window.palpateEvents.push([name, event.detail]));
+    }
+    const look = () => {
+      if (!(view.state?.().pictures > 0)) return requestAnimationFrame(look);
+      // On the screen with the frame after.
+      requestAnimationFrame(() => requestAnimationFrame(() => (window.firstPicture = performance.now())));
+    };
+    look();
+  });
+}
+
+/** Root mean square difference of two pictures, of 1. */
+export function apart(a, b) {
+  const done = spawnSync(PALPATE, ["compare", a, b, "--json"], { encoding: "utf8" });
+  check(done.stdout, `palpate compare ${a} ${b}: ${done.stderr}`);
+  return JSON.parse(done.stdout).rmse;
+}
+
+/** The picture of a scene by the command, on the page's driver. */
+export function drawn(scene, file, [width, height]) {
+  execFileSync(PALPATE, ["render", scene, "--out", file, "--size", `${width}x${height}`], {
+    env: { ...process.env, VK_ICD_FILENAMES: DRIVER },
+    stdio: ["ignore", "ignore", "inherit"],
+  });
+  return file;
+}

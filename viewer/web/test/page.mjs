@@ -1,0 +1,290 @@
+// The viewer in a page: the script of viewer/tests/window.rs with its goldens, and what only a page
+// has. scripts/test page runs it.
+
+import fs from "node:fs";
+import path from "node:path";
+import { OUT, Page, ROOT, apart, check, drawn, launch, serve, sleep } from "./harness.mjs";
+
+/** As viewer/tests/window.rs has them: root mean square difference of what is alike, and of what is not. */
+const ALIKE = 0.012;
+const OTHER = 0.02;
+/** The picture of a page is that of the command. */
+const SAME = 1 / 255;
+/** Milliseconds from the module's arrival to the first picture: 3 s are promised on a machine that does nothing else. */
+const FIRST = 3000 * Number(process.env.PALPATE_SLOW ?? 1);
+
+const CAMERA = { eye: [-0.12, -0.45, 0.45], look_at: [0.165, 0.005, 0.0], up: [0, 0, 1], fov: 22 };
+const file = (name) => fs.readFileSync(path.join(ROOT, "data", name));
+const { server, at } = await serve();
+let browser;
+
+async function part(name, run) {
+  const since = Date.now();
+  console.log(`page: ${name}`);
+  await run();
+  console.log(`page: ${name} took ${((Date.now() - since) / 1000).toFixed(1)} s`);
+}
+
+/** Waits for an event `error` that tells of something. */
+async function hear(view, what) {
+  const heard = [];
+  for (const since = Date.now(); Date.now() - since < 10_000; await sleep(50)) {
+    heard.push(...(await view.events()));
+    if (heard.some(([name, detail]) => name === "error" && detail.message.includes(what))) return;
+  }
+  throw new Error(`no event \`error\` tells of "${what}": ${JSON.stringify(heard)}`);
+}
+
+/** Opens, goes round, presses, pulls, edits, clips and undoes, by the goldens of the window. */
+async function session() {
+  const view = await Page.open(browser, `${at}/?example=limb`);
+  await view.page.waitForFunction("window.firstPicture", { timeout: 60_000 });
+  const [first, arrived] = await view.page.evaluate(() => {
+    const wasm = performance.getEntriesByType("resource").find((entry) => entry.name.endsWith(".wasm"));
+    return [window.firstPicture, wasm.responseEnd];
+  });
+  console.log(`first picture ${(first - arrived).toFixed(0)} ms after the module was there`);
+  check(first - arrived < FIRST, `the first picture came after ${first - arrived} ms`);
+  await view.rest();
+  await view.page.mouse.click(400, 700);
+  const open = await view.holdAgainst("open", ALIKE);
+  check((await view.events()).some(([name, detail]) => name === "load" && detail.tets > 5000), "no event `load`");
+
+  await view.key("1");
+  await view.hold([400, 400], [520, 340]);
+  const went = (await view.state()).camera;
+  await view.letGo();
+  await view.key("a");
+  await view.rest();
+  check(JSON.stringify((await view.state()).camera) !== JSON.stringify(went), "the key a does nothing");
+  await view.key("f");
+  await view.rest();
+  const side = await view.holdAgainst("side", ALIKE);
+  check(apart(open, side) > OTHER, "another view is another picture");
+  check((await view.events()).some(([name, camera]) => name === "camera" && camera.fov > 0), "no event `camera`");
+
+  await view.key("2");
+  await view.hold([400, 400], [400, 440]);
+  const pressed = await view.wait("a press", (state) => state.force_n > 1);
+  check(pressed.depth_m > 1e-3, JSON.stringify(pressed));
+  await sleep(1000);
+  check(apart(side, await view.shot("pressed")) > 0.005, "a press is not seen");
+  await view.letGo();
+  check((await view.state()).force_n === null, "a press that was let go still has a force");
+  check((await view.events()).some(([name, detail]) => name === "press" && detail.force > 1), "no event `press`");
+
+  await view.key("3");
+  await view.hold([240, 385], [250, 330]);
+  await view.rest();
+  check(apart(side, await view.shot("pulled")) > OTHER, "a pull is not seen");
+  await view.letGo();
+
+  await view.key("4");
+  await view.hold([430, 385], [430, 470]);
+  await view.letGo();
+  await view.wait("a cut", (state) => state.said.startsWith("cut;"));
+  await view.page.keyboard.down("Control");
+  await view.key("r");
+  await view.page.keyboard.up("Control");
+  await sleep(1000);
+  await view.rest();
+
+  await view.page.mouse.click(810, 449);
+  await view.rest();
+  const clipped = await view.holdAgainst("clip", ALIKE);
+  check(apart(side, clipped) > OTHER, "a clip is not seen");
+  await view.page.keyboard.down("Control");
+  await view.key("z");
+  await view.page.keyboard.up("Control");
+  await view.rest();
+  check(apart(await view.holdAgainst("undone", ALIKE), clipped) > OTHER, "undo does nothing");
+
+  await view.hold([900, 120], [900, 215]);
+  await view.letGo();
+  const clear = await view.holdAgainst("clear", ALIKE);
+  check(apart(side, clear) > OTHER, "a point of the transfer function does nothing");
+  await view.page.close();
+}
+
+/** What ?load= opens is drawn as the command draws it; what cannot be opened is said. */
+async function files() {
+  const view = await Page.open(browser, `${at}/?load=data/limb.vtu`);
+  const open = await view.wait("the mesh", (state) => state.tets > 0 && state.pictures > 0);
+  check(open.name === "limb.vtu", JSON.stringify(open));
+  const size = [480, 360];
+  const scene = path.join(OUT, "limb.toml");
+  const camera = Object.entries(CAMERA).map(([name, value]) => `${name} = ${JSON.stringify(value)}`).join("\n");
+  fs.writeFileSync(scene, `[mesh]\nfile = "${path.join(ROOT, "data/limb.vtu")}"\n[camera]\n${camera}\n`);
+  const native = drawn(scene, path.join(OUT, "command.png"), size);
+  await view.call("camera", CAMERA);
+  const off = apart(native, await view.picture("element", ...size));
+  console.log(`picture(): ${(255 * off).toFixed(3)}/255 from the command's`);
+  check(off <= SAME, `the picture is ${255 * off}/255 from the command's; see ${OUT}`);
+  // That the comparison can fail.
+  await view.call("camera", { ...CAMERA, fov: 24 });
+  const other = apart(native, await view.picture("other", ...size));
+  check(other > SAME, `a picture of another camera is ${255 * other}/255 from the command's`);
+
+  await view.drop([["dropped.vtu", file("ball.vtu")]]);
+  await view.wait("what was dropped", (state) => state.name === "dropped.vtu");
+  const text = '[mesh]\nfile = "ball.vtu"\n[picture]\ntransfer = "tissue"\n';
+  await view.drop([["ball.vtu", file("ball.vtu")], ["ball.toml", text]]);
+  const dropped = await view.wait("the scene that was dropped", (state) => state.name === "ball.toml");
+  check(!dropped.error, JSON.stringify(dropped));
+
+  await view.events();
+  const broken = {
+    "bad.vtu": [1, 2, 3],
+    "short.vtu": [...file("ball.vtu").subarray(0, 5000)],
+    "nothing.stl": [],
+    "noise.nrrd": [...file("limb.json")],
+    "bad.toml": [...Buffer.from("[mesh]\nfil = 3\n")],
+    "what.xyz": [1, 2, 3],
+  };
+  for (const [name, bytes] of Object.entries(broken)) {
+    const why = await view.page.evaluate(async (name, bytes) => {
+      const view = document.querySelector("palpate-view");
+      return view.load(new Uint8Array(bytes), name).then(() => "", (why) => why.message);
+    }, name, bytes);
+    check(why.includes(name), `load() of ${name} does not reject with why: ${JSON.stringify(why)}`);
+    const said = await view.wait("an error", (state) => state.error);
+    check(said.said.includes(name) && said.name === "ball.toml", JSON.stringify(said));
+    await hear(view, name);
+    console.log(`  ${why}`);
+  }
+  await view.drop([["dropped.vtu", "<VTKFile>"]]);
+  await view.wait("why it cannot be opened", (state) => state.error && state.said.includes("dropped.vtu"));
+  await view.events();
+  await view.page.evaluate(() => document.querySelector("palpate-view").setAttribute("src", "none.vtu"));
+  await view.wait("what is not there", (state) => state.error && state.said.includes("404"));
+  await hear(view, "none.vtu: 404");
+  await view.shot("bad", true);
+
+  // None of that keeps anything from being opened.
+  await view.call("load", `${at}/data/ball.vtu`);
+  const ball = await view.state();
+  check(!ball.error && ball.name === "ball.vtu", JSON.stringify(ball));
+  await view.page.close();
+}
+
+/** By the element alone: presses and looks for a while need no more memory than at first. */
+async function use() {
+  const view = await Page.open(browser, `${at}/?example=limb`);
+  await view.wait("a picture", (state) => state.pictures > 0);
+  const memory = [];
+  for (let n = 0; n < 6; n++) {
+    const began = await view.state();
+    const since = Date.now();
+    await view.call("press", 0.35, 0.55, 0.004);
+    const pressed = await view.wait("a force", (state) => state.depth_m > 0.003 || state.steps > began.steps + 30);
+    check(pressed.force_n > 0, JSON.stringify(pressed));
+    const steps = pressed.steps - began.steps;
+    if (n === 0) console.log(`a step of the press with its frame: ${((Date.now() - since) / steps).toFixed(0)} ms`);
+    await view.call("release");
+    for (let k = 0; k < 3; k++) {
+      await view.call("camera", { ...CAMERA, fov: 20 + k });
+      await sleep(300);
+    }
+    await view.wait("the finger's end", (state) => state.force_n === null);
+    memory.push((await view.state()).memory_mb);
+  }
+  console.log(`memory of the module: ${memory.map((mb) => mb.toFixed(0)).join(", ")} MB`);
+  check(memory.at(-1) <= 1.1 * memory[1] + 8, `memory grows: ${memory} MB`);
+  await view.page.close();
+}
+
+/** A phone held upright. */
+async function phone() {
+  const view = await Page.open(browser, `${at}/?example=limb`);
+  await view.page.setViewport({ width: 390, height: 760, isMobile: true, hasTouch: true });
+  await view.page.reload();
+  await view.wait("a picture", (state) => state.pictures > 0);
+  await view.rest();
+  const wide = await view.page.evaluate(() => document.documentElement.scrollWidth);
+  check(wide <= 390, `the page is ${wide} pixels wide on a phone of 390`);
+  await view.holdAgainst("phone", ALIKE, true);
+  const before = (await view.state()).camera;
+  await view.page.touchscreen.touchStart(200, 300);
+  for (let n = 1; n <= 8; n++) await view.page.touchscreen.touchMove(200 + 10 * n, 300);
+  await view.page.touchscreen.touchEnd();
+  await view.rest();
+  check(JSON.stringify((await view.state()).camera) !== JSON.stringify(before), "a finger on the screen does nothing");
+  await view.page.close();
+}
+
+/** A device that is lost is told of in the page, and the body can be shown again. */
+async function lost() {
+  const view = await Page.open(browser, `${at}/?example=limb`);
+  await view.wait("a picture", (state) => state.pictures > 0);
+  await view.events();
+  const session = await browser.target().createCDPSession();
+  session.send("Browser.crashGpuProcess").catch(() => {});
+  await view.wait("the loss", (state) => state.error);
+  const said = await view.page.evaluate(() => document.querySelector("palpate-view").shadowRoot.textContent);
+  check(said.includes("lost the graphics device"), said);
+  await hear(view, "lost the graphics device");
+  const refused = await view.page.evaluate(() =>
+    document.querySelector("palpate-view").press(0.5, 0.5, 0.01).then(() => "", (why) => why.message));
+  check(refused.includes("lost"), `press() says "${refused}" where there is no device`);
+  await view.shot("lost");
+  await sleep(2000);
+  await view.page.evaluate(() => document.querySelector("palpate-view").shadowRoot.querySelector("button").click());
+  await view.wait("the body again", (state) => state.pictures > 0 && !state.error);
+  await view.page.close();
+}
+
+/** A mistake of the viewer's own ends it, which the page says. */
+async function ended() {
+  const view = await Page.open(browser, `${at}/?example=limb`);
+  await view.wait("a picture", (state) => state.pictures > 0);
+  await view.page.evaluate(async () => {
+    const { Viewer } = await import("./palpate_view.js");
+    const canvas = document.body.appendChild(document.createElement("canvas"));
+    const viewer = new Viewer();
+    // That is one: to end a viewer within its own frame.
+    viewer.start(canvas, undefined, () => viewer.destroy(), () => {}).catch(() => {});
+  });
+  const state = await view.wait("the end", (state) => state.error);
+  check(state.said.includes("reload the page"), state.said);
+  await view.shot("ended", true);
+  await view.page.close();
+}
+
+/** Without WebGPU, or a device for it, the page says so. */
+async function without() {
+  const old = await launch({ webgpu: false, size: [640, 400] });
+  const said = async (name, prepare) => {
+    const view = await Page.open(old, `${at}/`, prepare);
+    const state = await view.wait("why there is no picture", (state) => state.error);
+    const shown = await view.page.evaluate(() => {
+      const alert = document.querySelector("palpate-view").shadowRoot.querySelector("[role=alert]");
+      return alert?.offsetHeight > 0 ? alert.innerText : "";
+    });
+    check(shown.includes(state.said), `the page shows "${shown}", not "${state.said}"`);
+    await view.shot(name, true);
+    return shown;
+  };
+  try {
+    const none = await said("without_device");
+    check(none.includes("WebGPU, for which this browser finds no graphics device"), none);
+    const old = await said("without", () => {
+      Object.defineProperty(Navigator.prototype, "gpu", { get: () => undefined });
+    });
+    check(old.includes("WebGPU, which this browser does not have"), old);
+  } finally {
+    await old.close();
+  }
+}
+
+const PARTS = { session, files, use, phone, lost, ended, without };
+const wanted = process.argv.slice(2);
+try {
+  browser = await launch();
+  for (const [name, run] of Object.entries(PARTS)) {
+    if (!wanted.length || wanted.includes(name)) await part(name, run);
+  }
+  console.log(`page: all is as it should be; screenshots are in ${OUT}`);
+} finally {
+  await browser?.close();
+  server.close();
+}

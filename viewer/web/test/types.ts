@@ -1,0 +1,24 @@
+// What TypeScript makes of the element's types: scripts/test page compiles this.
+
+import { type Camera } from "../package/palpate-view.js";
+
+const view = document.querySelector("palpate-view")!;
+view.addEventListener("press", (event) => event.detail.force.toFixed(event.detail.depth));
+view.addEventListener("load", (event) => event.detail.name.length + event.detail.tets);
+view.addEventListener("error", (event) => event.detail.message.length);
+view.addEventListener("camera", (event) => event.detail.eye[2]);
+view.addEventListener("click", (event) => event.clientX);
+
+export async function use(): Promise<Blob> {
+  await view.put("knee.json", new Uint8Array(3));
+  await view.load(new File([], "knee.nrrd"));
+  await view.load(new ArrayBuffer(3), "knee.nrrd");
+  const camera: Camera | undefined = view.camera();
+  view.camera({ ...camera, eye: [0, 0, 1], look_at: [0, 0, 0], up: [0, 1, 0], fov: 30 });
+  await view.press(0.5, 0.5, 0.01);
+  await view.release();
+  const force: number | null | undefined = view.state().force_n;
+  // @ts-expect-error: a press has a depth
+  await view.press(0.5, force ?? 0);
+  return view.picture(800, 600);
+}
