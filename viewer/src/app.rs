@@ -120,6 +120,8 @@ pub struct App {
     pub(crate) hand: Hand,
     pub(crate) stroke: Stroke,
     pub(crate) area: Option<Area>,
+    /// Whether the picture is as large as in the frame before.
+    pub(crate) settled: bool,
     pub(crate) ruler: Option<[DVec3; 2]>,
     /// How deep strokes cut, over the body's diagonal.
     pub(crate) cut_depth: f64,
@@ -180,6 +182,7 @@ impl App {
             hand: Hand::default(),
             stroke: Stroke::default(),
             area: None,
+            settled: false,
             ruler: None,
             cut_depth: CUT_DEPTH,
             histogram: None,

@@ -109,6 +109,11 @@ impl App {
 
     /// Takes over a body that is ready.
     pub(crate) fn take_over(&mut self, context: &egui::Context) {
+        // How it is seen depends on how large the picture is, which the first frames find out.
+        if self.loading.is_some() && !self.settled {
+            context.request_repaint();
+            return;
+        }
         let Some(made) = self.loading.as_ref().and_then(Loading::ready) else {
             return;
         };

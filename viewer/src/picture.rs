@@ -26,7 +26,8 @@ impl App {
             size: [pixels.x.max(1.0) as u32, pixels.y.max(1.0) as u32],
         };
         let response = ui.allocate_rect(rect, Sense::click_and_drag());
-        self.area = Some(area);
+        let before = self.area.replace(area);
+        self.settled = before.is_some_and(|before| before.size == area.size);
         self.hand(ui, &response, area);
         let dark = ui.visuals().dark_mode;
         let backdrop = if dark {
