@@ -161,8 +161,7 @@ impl Simulator for GpuTets {
     }
 
     fn finish(&mut self) -> Result<Progress> {
-        let done = self.solver.finish(&mut self.body);
-        self.progress = done?;
+        self.progress = self.solver.finish(&mut self.body)?;
         Ok(self.progress)
     }
 
