@@ -3,9 +3,10 @@
 const NON_FINITE: u32 = 1u;
 const RUNAWAY_ENERGY: u32 = 2u;
 const NOT_CONVERGED: u32 = 3u;
+const PIERCED: u32 = 4u;
 
 struct Status {
-    // 0, or one of the three reasons above: everything after does nothing.
+    // 0, or one of the reasons above: everything after does nothing.
     failed: u32,
     // 1 while a linear solve has to go on in the next passes.
     solving: u32,

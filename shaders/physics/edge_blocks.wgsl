@@ -3,6 +3,7 @@
 
 #import lib/array
 #import lib/status
+#each contact #import terms/TERM
 
 struct EdgeParams {
     edges: u32,
@@ -72,6 +73,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         block += u * framed * transpose(u);
     }
     block = params.scale * block;
+#each contact     block += TERM_edge(n);
     let rows = transpose(block);
     for (var k = 0u; k < 3u; k++) {
         textureStore(matrix, at(3u * edge.z + k), vec4(rows[k], 0.0));

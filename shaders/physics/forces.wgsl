@@ -6,6 +6,7 @@
 #each matter #import terms/TERM
 #any node #import lib/node_terms
 #each node #import terms/TERM
+#each contact #import terms/TERM
 
 struct ForceParams {
     gravity: vec4<f32>,
@@ -51,9 +52,13 @@ fn main(
 #any node         energy += share.w;
         let pull = m * params.gravity.xyz + params.newton * textureLoad(external_forces, at(i), 0).xyz;
         f += pull;
+#each contact         let pressed = TERM_force(i).xyz;
+#each contact         f += pressed;
         textureStore(forces, at(i), vec4(f, 0.0));
         let bad = select(1.0, 0.0, finite3(x) && finite3(v) && finite3(f));
         sum += vec4(0.5 * m * dot(v, v), energy, dot(pull, v), bad);
+#each contact         // Tools do work as what acts from outside does.
+#each contact         sum.z += dot(pressed, v);
     }
     let total = reduce(sum, lane);
     if lane == 0u {

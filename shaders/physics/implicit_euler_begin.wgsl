@@ -10,13 +10,16 @@
 #each matter #import terms/TERM
 #any node #import lib/node_terms
 #each node #import terms/TERM
+#each contact #import terms/TERM
 
 struct BeginParams {
     nodes: u32,
     dt: f32,
     // h α, where a force −α m v slows every node.
     drag: f32,
-    _pad0: u32,
+    // Where tools press: the first row of the preconditioner's that the right side is kept in, of
+    // which conjugate gradients leave nothing.
+    right: u32,
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
@@ -25,11 +28,13 @@ struct BeginParams {
 @group(0) @binding(3) var forces: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read> status: Status;
 // Two texels a node: the inverse of its diagonal block. After those of all nodes, where there are
-// terms that act on nodes, two more a node: h² times what they add to its block.
+// terms that act on nodes, two more a node: h² times what they add to its block. Then, where there
+// are tools, one: the right side. All in one, as browsers bind four storage textures at most.
 @group(0) @binding(5) var preconditioner: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(6) var residual: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(7) var preconditioned: texture_storage_2d<rgba32float, write>;
-// A workgroup's r·z and mean diagonal entries.
+// A workgroup's r·z and mean diagonal entries; where there are tools, the square of forces on what
+// they touch, as residuals are measured, and points too deep inside.
 @group(0) @binding(8) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> scalars: CgScalars;
 @group(0) @binding(10) var<uniform> params: BeginParams;
@@ -66,6 +71,9 @@ fn main(
 #any node         diagonal += vec3(b0.x, b0.w, b1.y);
 #any node         mixed += vec3(b0.yz, b1.x);
 #any node         kv -= symmetric(b0, b1, gathered.motion) / (h * h);
+#each contact         let pressed = TERM_block(i);
+#each contact         diagonal += vec3(pressed[0].x, pressed[0].w, pressed[1].y);
+#each contact         mixed += vec3(pressed[0].yz, pressed[1].x);
         var r = vec3(0.0);
         var a0 = vec4(0.0);
         var a1 = vec4(0.0);
@@ -102,6 +110,14 @@ fn main(
         textureStore(preconditioner, at(2u * i + 1u), a1);
         let weight = select(0.0, (diagonal.x + diagonal.y + diagonal.z) / 3.0, mass.y > 0.0);
         sum += vec4(dot(r, z), weight, 0.0, 0.0);
+#each contact         let push = TERM_force(i);
+#each contact         if any(push.xyz != vec3(0.0)) {
+#each contact             let others = textureLoad(forces, at(i), 0).xyz - push.xyz;
+#each contact             let both = dot(push.xyz, symmetric(a0, a1, push.xyz)) + dot(others, symmetric(a0, a1, others));
+#each contact             sum.z += h * h * both;
+#each contact         }
+#each contact         sum.w += push.w;
+#each contact         textureStore(preconditioner, at(params.right + i), vec4(r, 0.0));
     }
     let total = reduce(sum, lane);
     if lane == 0u {

@@ -19,6 +19,7 @@
 @group(0) @binding(10) var<uniform> params: CgParams;
 // In its second half, two texels a node: what terms add to its block.
 #any node @group(0) @binding(next) var preconditioner: texture_2d<f32>;
+#each contact #import terms/TERM
 
 // The direction of the node at that texel, z + βp.
 fn direction_of(j: vec2<u32>, beta: f32, first: bool) -> vec3<f32> {
@@ -68,6 +69,8 @@ fn main(
 #any node         let b0 = textureLoad(preconditioner, at(2u * (params.nodes + i)), 0);
 #any node         let b1 = textureLoad(preconditioner, at(2u * (params.nodes + i) + 1u), 0);
 #any node         q += symmetric(b0, b1, p);
+#each contact         let pressed = TERM_block(i);
+#each contact         q += symmetric(pressed[0], pressed[1], p);
         q = select(vec3(0.0), q, mass.y != 0.0);
         textureStore(next_direction, at(i), vec4(p, 0.0));
         textureStore(product, at(i), vec4(q, 0.0));

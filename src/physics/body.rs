@@ -1,5 +1,6 @@
 //! A deformable body: a mesh's nodes and springs on the GPU.
 
+use super::gpu_contact::GpuContact;
 use super::gpu_elements::GpuElements;
 use super::gpu_rigid::GpuRigid;
 use super::gpu_springs::GpuSprings;
@@ -51,6 +52,8 @@ pub struct Body {
     pub(super) elements: Option<GpuElements>,
     /// What of it is rigid, if anything is.
     pub(super) rigid: Option<GpuRigid>,
+    /// The tools that press on it, if any do.
+    pub(super) contact: Option<GpuContact>,
     pub(super) network: SpringNetwork,
     pub(super) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
@@ -119,6 +122,7 @@ impl Body {
             springs,
             elements,
             rigid,
+            contact: None,
             nodes,
             network,
             material: material.clone(),
@@ -406,6 +410,13 @@ impl Body {
         }
         if first || known.held != versions.held {
             self.flush_masses()?;
+        }
+        if let Some(contact) = self
+            .contact
+            .as_mut()
+            .filter(|_| known.tools != versions.tools)
+        {
+            contact.guide(&self.loads);
         }
         self.written = Some(versions);
         Ok(())

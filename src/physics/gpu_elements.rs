@@ -4,6 +4,7 @@
 //! A pass over tets makes the forces on the four corners of each; the pass that gathers all forces
 //! of a node adds them up, through rows of the corners at each node.
 
+use super::gpu_contact::GpuContact;
 use super::gpu_springs::GpuSprings;
 use super::gpu_terms::{GpuTerm, Part};
 use super::network::SpringNetwork;
@@ -74,6 +75,8 @@ pub(super) struct GpuElements {
     /// Of bodies with rigid ones: the row of each node among these.
     edge_row_of: Vec<u32>,
     edges: Array,
+    /// Their two nodes.
+    ends: Vec<[u32; 2]>,
     around: Array,
     tet_forces: Array,
     params: ElementParams,
@@ -87,6 +90,7 @@ struct Lists {
     /// The corners at each node.
     corners: Vec<Vec<u32>>,
     edges: Vec<[u32; 4]>,
+    ends: Vec<[u32; 2]>,
     around: Vec<u32>,
 }
 
@@ -144,6 +148,7 @@ impl GpuElements {
             matrix_texels: BLOCK_TEXELS * kept.springs.len(),
             edge_row_of: own.map_or(Vec::new(), |kept| kept.row_of().to_vec()),
             edges: gpu.array_of("edges", Texel::U32x4, &lists.edges)?,
+            ends: lists.ends,
             around: gpu.array_of("tets around edges", Texel::U32, &lists.around)?,
             // One more, of which nothing but zero comes.
             tet_forces: array("forces of tets", 4 * count + 1)?,
@@ -163,6 +168,11 @@ impl GpuElements {
     /// The rows of edges, their columns, and the row of each node; of bodies with rigid ones.
     pub fn edges(&self) -> (&Array, &Array, &[u32]) {
         (&self.edge_rows, &self.edge_columns, &self.edge_row_of)
+    }
+
+    /// The two nodes of each edge, in the order of [`GpuElements::block_pass`].
+    pub fn ends(&self) -> &[[u32; 2]] {
+        &self.ends
     }
 
     /// Where the nodes rest.
@@ -215,26 +225,36 @@ impl GpuElements {
         self.bind_law(pass).over(self.count)
     }
 
-    /// The blocks of the matrix from `curvatures`, for a step of `dt` in local units.
+    /// The blocks of the matrix from `curvatures`, and of tools if there are any, for a step of `dt`
+    /// in local units.
     pub fn block_pass(
         &self,
         gpu: &Gpu,
         curvatures: &Array,
         status: &wgpu::Buffer,
-        (matrix, dt): (&Array, f32),
+        (matrix, dt, contact): (&Array, f32, Option<&GpuContact>),
     ) -> Result<Pass> {
         let params = EdgeParams {
             edges: self.edges.len(),
             scale: dt * (dt + self.damping_time),
         };
-        gpu.pass("physics/edge_blocks")
+        let name = match contact {
+            Some(_) => "physics/edge_blocks contact",
+            None => "physics/edge_blocks",
+        };
+        let pass = gpu
+            .pass(name)
             .read(&self.edges)
             .read(&self.around)
             .read(curvatures)
             .read(status)
             .write(matrix)
-            .params(&params)
-            .over(self.edges.len())
+            .params(&params);
+        match contact {
+            Some(contact) => pass.read(&contact.sides).read(&contact.faces),
+            None => pass,
+        }
+        .over(self.edges.len())
     }
 }
 
@@ -317,6 +337,7 @@ impl Lists {
             shapes: Vec::new(),
             corners: vec![Vec::new(); network.rest.len()],
             edges: Vec::new(),
+            ends: Vec::new(),
             around: Vec::new(),
         };
         // Every edge with the tets around it: number and the corners at its two ends.
@@ -349,6 +370,7 @@ impl Lists {
                 )));
             };
             lists.edges.push([first, tets.len() as u32, there, back]);
+            lists.ends.push([i, j]);
             lists.around.extend(tets);
         }
         Ok(lists)

@@ -64,9 +64,17 @@ impl Body {
         }
     }
 
-    /// The shader `name`, composed with all terms.
+    /// The shader `name`, composed with all terms but tools.
     pub(super) fn composed(&self, name: &str) -> String {
         self.named(name, self.matter().name())
+    }
+
+    /// The shader `name`, composed with all terms, and with tools where these count.
+    pub(super) fn pressed(&self, name: &str, tools: bool) -> String {
+        match tools && self.contact.is_some() {
+            true => self.composed(name) + " contact",
+            false => self.composed(name),
+        }
     }
 
     /// The shader `name`, composed with `first` and the terms that act on each node by itself.
@@ -74,6 +82,20 @@ impl Body {
         let terms = self.terms().iter().map(|t| t.name());
         let words = [name, first].into_iter().chain(terms);
         words.collect::<Vec<_>>().join(" ")
+    }
+
+    /// Binds what all terms declare, in the order of [`Body::pressed`].
+    pub(super) fn bind_pressed<'a>(
+        &'a self,
+        pass: PassBuilder<'a>,
+        part: Part<'a>,
+        tools: bool,
+    ) -> PassBuilder<'a> {
+        let pass = self.bind_terms(pass, part);
+        match self.contact.as_ref().filter(|_| tools) {
+            Some(contact) => contact.bind(pass),
+            None => pass,
+        }
     }
 
     /// Binds what all terms declare, in the order of [`Body::composed`].

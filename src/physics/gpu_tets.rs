@@ -1,12 +1,14 @@
 //! A body of tets that is stepped on the GPU.
 
+use super::cpu::check_contact;
 use super::{
     Body, BodyState, ConjugateGradients, Engine, GrabId, Grip, ImplicitEuler, Loads, Material,
-    NodeTerm, Nodes, Pose, Progress, Report, Simulator, SimulatorState, Solver, SolverKind,
-    SolverState, SpringNetwork, TopologyChange, largest_stable_step, with_terms,
+    NodeTerm, Nodes, Pose, Progress, Reaction, Report, Simulator, SimulatorState, Solver,
+    SolverKind, SolverState, SpringNetwork, Tool, ToolId, TopologyChange, largest_stable_step,
+    with_terms,
 };
 use crate::gpu::{Gpu, Recorder};
-use crate::mesh::{Blade, TetMesh, Topology};
+use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -19,6 +21,9 @@ pub struct GpuTets {
     topology: Topology,
     body: Body,
     solver: Box<dyn Solver>,
+    tools: Vec<Tool>,
+    /// Length of the last steps asked for, s.
+    dt: f64,
     progress: Progress,
 }
 
@@ -53,6 +58,8 @@ impl GpuTets {
             mesh,
             body,
             solver,
+            tools: Vec::new(),
+            dt: 0.0,
             progress: Progress::default(),
         })
     }
@@ -60,6 +67,13 @@ impl GpuTets {
     /// The body.
     pub fn body(&self) -> &Body {
         &self.body
+    }
+
+    /// The faces of the boundary, by their nodes.
+    fn boundary(&self) -> Vec<[u32; 3]> {
+        let faces = self.topology.boundary.iter();
+        let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
+        faces.map(nodes).collect()
     }
 }
 
@@ -93,6 +107,9 @@ impl Simulator for GpuTets {
     }
 
     fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+        if !self.tools.is_empty() {
+            check_contact("tools", self.body.network(), kind)?;
+        }
         // What was asked of the solver there was, and what became of it, goes with it.
         self.solver = match kind {
             SolverKind::Implicit => Box::new(ImplicitEuler::with(&self.gpu, &self.body, settings)?),
@@ -106,6 +123,25 @@ impl Simulator for GpuTets {
         self.body.add_term(term)
     }
 
+    fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
+        tool.check()?;
+        check_contact("tools", self.body.network(), self.integrator())?;
+        self.body.check_tools()?;
+        let id = self.body.loads_mut().add_tool(tool.pose);
+        self.tools.push(tool);
+        self.body.set_tools(&self.tools, &self.boundary())?;
+        Ok(id)
+    }
+
+    fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
+    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
+        self.finish()?;
+        self.body.tool_forces(self.dt)
+    }
+
     fn largest_stable_step(&self) -> Option<f64> {
         let (network, terms) = (&self.body.network, self.body.terms());
         let limit = largest_stable_step(network, self.body.pinned(), self.integrator())?;
@@ -113,6 +149,7 @@ impl Simulator for GpuTets {
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        self.dt = dt;
         self.solver.advance(&mut self.body, steps, dt)
     }
 
@@ -129,6 +166,7 @@ impl Simulator for GpuTets {
     }
 
     fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.dt = dt;
         self.solver.record(work, &mut self.body, steps, dt)
     }
 
@@ -178,6 +216,9 @@ impl Simulator for GpuTets {
 
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
         let mesh = self.body.cut(&mut self.mesh, &mut self.topology, blade)?;
+        if !(mesh.is_empty() || self.tools.is_empty()) {
+            self.body.set_tools(&self.tools, &self.boundary())?;
+        }
         Ok(TopologyChange { mesh, springs: 0 })
     }
 

@@ -32,6 +32,9 @@ use gpu_data::Status;
 
 const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
+/// What is told of tools that the body cannot get out of the way of.
+pub(super) const CROWDED: &str = "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far";
+const PIERCED: u32 = 4;
 
 /// How far a solver came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -171,6 +174,7 @@ impl Status {
                 f64::from(self.baseline) * body.units.energy(),
                 f64::from(self.work) * body.units.energy()
             ),
+            PIERCED => CROWDED.to_owned(),
             _ => format!(
                 "conjugate gradients came to a relative residual of only {:.1e} in {} iterations",
                 self.residual, self.iterations

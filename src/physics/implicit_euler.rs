@@ -8,6 +8,7 @@
 //! with it.
 
 use super::gpu_terms::Part;
+use super::implicit_contact::{ContactSteps, Pushed, Solved};
 use super::implicit_rigid::{self, Parts, RigidSteps};
 use super::implicit_start::{Start, Tied};
 use super::integrator::{Core, Integrator, Stage, Step, Timing};
@@ -23,7 +24,7 @@ mod gpu_data {
             pub nodes: u32,
             pub dt: f32,
             pub drag: f32,
-            pub _pad0: u32,
+            pub right: u32,
         }
     }
     crate::gpu_struct! {
@@ -109,6 +110,8 @@ pub struct Scheme {
     start: Option<Start>,
     /// What is kept of rigid bodies, if there are any.
     rigid: Option<RigidSteps>,
+    /// What is kept of tools, if there are any.
+    contact: Option<ContactSteps>,
     /// Two texels a node; two more where the body has terms beside the springs.
     preconditioner: Array,
     pub(super) product: Array,
@@ -163,6 +166,7 @@ impl Integrator for Scheme {
                 None => None,
             },
             rigid: rigid_steps(core, body)?,
+            contact: contact_steps(core, body)?,
             preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, blocks(body))?,
             product: vector("product")?,
             solution: pair("solution")?,
@@ -195,6 +199,7 @@ impl Integrator for Scheme {
             }
         }
         self.rigid = rigid_steps(core, body)?;
+        self.contact = contact_steps(core, body)?;
         let partials = partials(core, body);
         if partials > self.rz_partials.size() {
             self.rz_partials = gpu.buffer("partial r·z", partials)?;
@@ -205,13 +210,29 @@ impl Integrator for Scheme {
 
     fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
         let params = self.params(core, body, timing);
+        let pushed = self.pushed(core, body, timing);
         let (mut before, mut after_restart, mut keep) = (Vec::new(), None, None);
         let tied = self.tied(core, body, timing);
         if let (Some(start), Some(elements)) = (&self.start, &body.elements) {
-            before = start.passes(core, body, elements, (&self.matrix, timing.dt, tied))?;
+            before = match &pushed {
+                Some((steps, with)) => {
+                    let picked = start.picked(core, body, elements, (timing.dt, tied))?;
+                    [steps.open(with)?].into_iter().chain(picked).collect()
+                }
+                None => start.passes(core, body, elements, (&self.matrix, timing.dt, tied))?,
+            };
             keep = Some(start.keep(core, body)?);
         }
-        before.push(self.begin(core, body, timing)?);
+        let begin = self.begin(core, body, timing)?;
+        let solved = self.solved(right(body));
+        let mut between = Vec::new();
+        match &pushed {
+            Some((steps, with)) => {
+                before.extend(steps.begin(with, &solved, &begin)?);
+                between = steps.between(with, &solved, &begin)?;
+            }
+            None => before.push(begin),
+        }
         if let Some(tied) = &tied {
             let (steps, parts) = tied;
             before.push(steps.system(parts, &self.matrix, &self.preconditioner)?);
@@ -221,7 +242,6 @@ impl Integrator for Scheme {
             let first = [keep.clone()].into_iter();
             after_restart = Some(Stage::Passes(first.chain(before.iter().cloned()).collect()));
         }
-        let (_, start_velocities) = self.start(body);
         let gate = core
             .gpu
             .pass("physics/implicit_euler_gate")
@@ -243,32 +263,12 @@ impl Integrator for Scheme {
                 rounds.push(self.precondition(tied, 1 - from, Some(&self.arguments))?);
             }
         }
-        let finish = core
-            .gpu
-            .pass("physics/implicit_euler_finish")
-            .constant("WORKGROUP", f64::from(core.workgroup))
-            .read(&self.rz_partials)
-            .read(&self.scalars[0])
-            .write(&core.status)
-            .params(&params)
-            .over(core.workgroup)?;
-        let moved = core
-            .gpu
-            .pass("physics/implicit_euler")
-            .read(body.nodes().array())
-            .read(start_velocities)
-            .read(&body.masses)
-            .read(&self.solution[0])
-            .read(&self.solution[1])
-            .read(&core.status)
-            .write(&core.next_positions)
-            .write(&core.next_velocities)
-            .params(&AdvanceParams {
-                nodes: core.nodes,
-                dt: timing.dt,
-            })
-            .over(core.nodes)?;
-        let (mut take_over, mut settle) = (Vec::new(), vec![finish, moved]);
+        let (mut take_over, mut settle) = (Vec::new(), Vec::new());
+        match &pushed {
+            // The candidate is what its iterations came to.
+            Some((steps, with)) => settle.push(steps.finish(with)?),
+            None => settle.extend(self.finish(core, body, timing, &params)?),
+        }
         if let Some((steps, parts)) = &tied {
             take_over = steps.take_over(parts)?;
             settle.push(steps.moved(parts, &self.solution)?);
@@ -278,7 +278,11 @@ impl Integrator for Scheme {
             take_over,
             stages: vec![
                 Stage::Passes(before),
-                Stage::Loop { gate, rounds },
+                Stage::Loop {
+                    gate,
+                    rounds,
+                    between,
+                },
                 Stage::Passes(settle),
                 Stage::Forces(None),
             ],
@@ -296,16 +300,34 @@ impl Integrator for Scheme {
     }
 }
 
-/// Texels of the preconditioner, and of what terms add to the blocks of the nodes.
+/// Texels of the preconditioner, of what terms add to the blocks of the nodes, and of the right side
+/// where tools press.
 fn blocks(body: &Body) -> usize {
+    let kept = match body.contact {
+        Some(_) => body.node_count(),
+        None => 0,
+    };
+    right(body) as usize + kept
+}
+
+/// The texel behind the blocks of the nodes, where the right side begins.
+fn right(body: &Body) -> u32 {
     let of_terms = usize::from(!body.terms().is_empty());
-    2 * body.node_count() * (1 + of_terms)
+    (2 * body.node_count() * (1 + of_terms)) as u32
 }
 
 /// What steps keep of the rigid bodies of `body`, if it has any.
 fn rigid_steps(core: &Core, body: &Body) -> Result<Option<RigidSteps>> {
     let rigid = body.rigid.as_ref();
     rigid.map(|rigid| RigidSteps::new(core, rigid)).transpose()
+}
+
+/// What steps keep of the tools that press on `body`, if there are any.
+fn contact_steps(core: &Core, body: &Body) -> Result<Option<ContactSteps>> {
+    let contact = body.contact.as_ref();
+    contact
+        .map(|contact| ContactSteps::new(core, contact))
+        .transpose()
 }
 
 /// Bytes of a partial sum from each workgroup: of the passes over nodes, then of those over rigid
@@ -322,11 +344,79 @@ fn drag(body: &Body, timing: Timing) -> f32 {
 
 impl Scheme {
     /// Positions and velocities that the system of a step is made at.
-    fn start<'a>(&'a self, body: &'a Body) -> (&'a Array, &'a Array) {
-        match &self.start {
-            Some(start) => (&start.positions, &start.velocities),
-            None => (body.nodes().array(), &body.velocities),
+    fn start<'a>(&'a self, core: &'a Core, body: &'a Body) -> (&'a Array, &'a Array) {
+        match (&self.start, &body.contact) {
+            (Some(_), Some(_)) => (&core.next_positions, &core.next_velocities),
+            (Some(start), None) => (&start.positions, &start.velocities),
+            (None, _) => (body.nodes().array(), &body.velocities),
         }
+    }
+
+    /// The tools in a step, if there are any.
+    pub(super) fn pushed<'a>(
+        &'a self,
+        core: &'a Core,
+        body: &'a Body,
+        timing: Timing,
+    ) -> Option<(&'a ContactSteps, Pushed<'a>)> {
+        let with = Pushed {
+            core,
+            body,
+            elements: body.elements.as_ref()?,
+            contact: body.contact.as_ref()?,
+            start: self.start.as_ref()?,
+            dt: timing.dt,
+        };
+        Some((self.contact.as_ref()?, with))
+    }
+
+    fn solved(&self, right: u32) -> Solved<'_> {
+        Solved {
+            solution: &self.solution,
+            scalars: &self.scalars[0],
+            rz_partials: &self.rz_partials,
+            matrix: &self.matrix,
+            preconditioner: &self.preconditioner,
+            right,
+            max_iterations: self.settings.max_iterations,
+        }
+    }
+
+    /// Ends the solve, and moves the nodes by what came of it.
+    fn finish(
+        &self,
+        core: &Core,
+        body: &Body,
+        timing: Timing,
+        params: &CgParams,
+    ) -> Result<[Pass; 2]> {
+        let (_, start_velocities) = self.start(core, body);
+        let finish = core
+            .gpu
+            .pass("physics/implicit_euler_finish")
+            .constant("WORKGROUP", f64::from(core.workgroup))
+            .read(&self.rz_partials)
+            .read(&self.scalars[0])
+            .write(&core.status)
+            .params(params)
+            .over(core.workgroup)?;
+        let moved = core
+            .gpu
+            .pass("physics/implicit_euler")
+            .read(body.nodes().array())
+            .read(start_velocities)
+            .read(&body.masses)
+            .read(&self.solution[0])
+            .read(&self.solution[1])
+            .read(&core.status)
+            .write(&core.next_positions)
+            .write(&core.next_velocities)
+            .params(&AdvanceParams {
+                nodes: core.nodes,
+                dt: timing.dt,
+            })
+            .over(core.nodes)?;
+        Ok([finish, moved])
     }
 
     fn params(&self, core: &Core, body: &Body, timing: Timing) -> CgParams {
@@ -375,10 +465,10 @@ impl Scheme {
             nodes: core.nodes,
             dt: timing.dt,
             drag: drag(body, timing),
-            _pad0: 0,
+            right: right(body),
         };
-        let (positions, velocities) = self.start(body);
-        let name = body.composed("physics/implicit_euler_begin");
+        let (positions, velocities) = self.start(core, body);
+        let name = body.pressed("physics/implicit_euler_begin", true);
         let pass = core
             .gpu
             .pass(&name)
@@ -399,7 +489,7 @@ impl Scheme {
             matrix: &self.matrix,
             velocities: &body.velocities,
         };
-        body.bind_terms(pass, part).over(threads)
+        body.bind_pressed(pass, part, true).over(threads)
     }
 
     /// First half of an iteration, from slot `from` of the vectors to the other.
@@ -410,7 +500,7 @@ impl Scheme {
         from: usize,
         params: &CgParams,
     ) -> Result<Pass> {
-        let name = body.composed("physics/implicit_euler_direction");
+        let name = body.pressed("physics/implicit_euler_direction", true);
         let pass = core
             .gpu
             .pass(&name)
@@ -430,7 +520,7 @@ impl Scheme {
             matrix: &self.matrix,
             blocks: &self.preconditioner,
         };
-        body.bind_terms(pass, part)
+        body.bind_pressed(pass, part, true)
             .over_indirect(&self.arguments, 0)
     }
 

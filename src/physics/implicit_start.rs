@@ -6,6 +6,7 @@
 //! potential.
 
 use super::Body;
+use super::gpu_contact::GpuContact;
 use super::gpu_elements::GpuElements;
 use super::implicit_rigid::{Parts, RigidSteps};
 use super::step::Core;
@@ -84,19 +85,41 @@ impl Start {
         elements: &GpuElements,
         (matrix, dt, rigid): (&Array, f32, Option<Tied<'_>>),
     ) -> Result<Vec<Pass>> {
-        let (gpu, status) = (&core.gpu, &core.status);
         let mut passes = Vec::new();
         if let Some((steps, parts)) = rigid {
             passes.push(steps.start(&parts, &self.before)?);
         }
-        passes.extend([
-            self.guess(core, body, elements, (dt, rigid))?,
-            self.pick(core, body, dt, rigid)?,
-            elements.curvature_pass(gpu, &self.positions, status, &self.curvatures)?,
-            elements.block_pass(gpu, &self.curvatures, status, (matrix, dt))?,
-        ]);
-        passes.extend(core.force_passes(body, &self.positions, &self.velocities)?);
+        passes.extend(self.picked(core, body, elements, (dt, rigid))?);
+        passes.extend(self.blocks(core, elements, &self.positions, (matrix, dt, None))?);
+        passes.extend(core.force_passes(body, &self.positions, &self.velocities, false)?);
         Ok(passes)
+    }
+
+    /// The passes that pick the start of a step.
+    pub fn picked(
+        &self,
+        core: &Core,
+        body: &Body,
+        elements: &GpuElements,
+        with: (f32, Option<Tied<'_>>),
+    ) -> Result<[Pass; 2]> {
+        let guess = self.guess(core, body, elements, with)?;
+        Ok([guess, self.pick(core, body, with.0, with.1)?])
+    }
+
+    /// The passes that put the blocks of the matrix at `positions` into `matrix`.
+    pub fn blocks(
+        &self,
+        core: &Core,
+        elements: &GpuElements,
+        positions: &Array,
+        with: (&Array, f32, Option<&GpuContact>),
+    ) -> Result<[Pass; 2]> {
+        let (gpu, status) = (&core.gpu, &core.status);
+        Ok([
+            elements.curvature_pass(gpu, positions, status, &self.curvatures)?,
+            elements.block_pass(gpu, &self.curvatures, status, with)?,
+        ])
     }
 
     fn guess(

@@ -90,6 +90,8 @@ pub enum Stage {
         gate: Pass,
         /// Two rounds, from one slot of ping-pong to the other and back; each takes half of them.
         rounds: Vec<Pass>,
+        /// After every few rounds: what looks whether they are done, and goes on from there.
+        between: Vec<Pass>,
     },
     /// The forces and energies of the candidate state, those of all terms in one pass a node. They
     /// are seen with these velocities, where not with the candidate's.

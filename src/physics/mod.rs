@@ -20,6 +20,9 @@ mod explicit_euler;
 mod fields;
 #[cfg(test)]
 mod fields_tests;
+mod gpu_contact;
+#[cfg(test)]
+mod gpu_contact_tests;
 mod gpu_elements;
 mod gpu_rigid;
 mod gpu_springs;
@@ -30,6 +33,7 @@ mod grab_lists;
 pub mod grid;
 mod guard;
 mod hold;
+mod implicit_contact;
 mod implicit_euler;
 mod implicit_rigid;
 mod implicit_start;

@@ -116,6 +116,9 @@ impl Body {
         // All but the external forces, which grabs and callers write on the GPU, is made again.
         self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
         self.flush_masses()?;
+        if let Some(contact) = &mut self.contact {
+            contact.stand(&self.loads);
+        }
         self.written = state.written;
         self.moves = state.moves;
         Ok(())

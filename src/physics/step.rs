@@ -173,10 +173,11 @@ impl Core {
         let seen = step.velocities()?;
         let velocities = seen.unwrap_or(&self.next_velocities);
         let state = body.nodes().array();
-        let mut restart = self.force_passes(body, state, &body.velocities)?;
+        // What tools exert is known at the end of a step alone, and does work there.
+        let mut restart = self.force_passes(body, state, &body.velocities, false)?;
         restart.push(self.check_pass(2, local_dt)?);
         let kept = seen.unwrap_or(&body.velocities);
-        let mut resume = self.force_passes(body, state, kept)?;
+        let mut resume = self.force_passes(body, state, kept, false)?;
         resume.push(self.check_pass(1, local_dt)?);
         Ok(Prepared {
             dt,
@@ -185,7 +186,7 @@ impl Core {
             revision: body.revision(),
             loads: None,
             draw: None,
-            forces: self.force_passes(body, &self.next_positions, velocities)?,
+            forces: self.force_passes(body, &self.next_positions, velocities, true)?,
             check: self.check_pass(0, local_dt)?,
             commit: self
                 .gpu
@@ -207,12 +208,14 @@ impl Core {
         })
     }
 
-    /// The forces at a state, and its energies.
+    /// The forces at a state, and its energies; with those that tools were last found to exert, if
+    /// there are any and they count.
     pub(super) fn force_passes(
         &self,
         body: &Body,
         positions: &Array,
         velocities: &Array,
+        tools: bool,
     ) -> Result<Vec<Pass>> {
         let matter = body.matter();
         let before = matter.before_forces(&self.gpu, positions, velocities, &self.status)?;
@@ -225,7 +228,7 @@ impl Core {
             _pad0: 0,
             _pad1: 0,
         };
-        let name = body.composed("physics/forces");
+        let name = body.pressed("physics/forces", tools);
         let pass = self
             .gpu
             .pass(&name)
@@ -239,7 +242,7 @@ impl Core {
             .write(&self.partials)
             .params(&params);
         let threads = self.groups * self.workgroup;
-        let gather = body.bind_terms(pass, Part::Forces).over(threads)?;
+        let gather = body.bind_pressed(pass, Part::Forces, tools).over(threads)?;
         Ok(before.into_iter().chain([gather]).collect())
     }
 

@@ -63,12 +63,19 @@ fn no_status() -> Error {
 fn record_stage(work: &mut Recorder, prepared: &Prepared, stage: &Stage, iterations: u32) {
     let passes = match stage {
         Stage::Passes(passes) => passes,
-        Stage::Loop { gate, rounds } => {
-            for pair in 0..iterations.div_ceil(2) {
+        Stage::Loop {
+            gate,
+            rounds,
+            between,
+        } => {
+            let pairs = iterations.div_ceil(2);
+            for pair in 0..pairs {
                 if pair % GATED == 0 {
                     gate.record(work);
                 }
-                for pass in rounds {
+                let last = (pair + 1) % GATED == 0 || pair + 1 == pairs;
+                let after = if last { &between[..] } else { &[] };
+                for pass in rounds.iter().chain(after) {
                     pass.record(work);
                 }
             }
@@ -238,10 +245,20 @@ impl<S: Integrator> Stepper<S> {
     /// Steps that fit one submit.
     fn chunk(&self, iterations: u32) -> u32 {
         // Three an iteration, and some before and after, where regions are rigid.
-        let passes = 20 + 3 * iterations;
+        let passes = 20 + 3 * iterations + self.between() * iterations.div_ceil(2 * GATED);
         let visits = 4.0 * f64::from(self.core.texels) * f64::from(3 + iterations);
         let by_visits = (VISITS / visits) as u32;
         by_visits.min(DISPATCHES / passes).clamp(1, HISTORY)
+    }
+
+    /// Passes between every few iterations, as far as they are known.
+    fn between(&self) -> u32 {
+        let stages = self.prepared.iter().flat_map(|p| &p.step.stages);
+        let between = stages.map(|stage| match stage {
+            Stage::Loop { between, .. } => between.len() as u32,
+            _ => 0,
+        });
+        between.sum()
     }
 
     /// Forgets what was asked for, and what is on its way.

@@ -125,7 +125,9 @@ fn forces_and_energies_match_float64() {
             let solver = ImplicitEuler::new(&gpu, &body).unwrap();
             let state = body.nodes().array();
             let mut work = gpu.record();
-            let passes = solver.core.force_passes(&body, state, &body.velocities);
+            let passes = solver
+                .core
+                .force_passes(&body, state, &body.velocities, false);
             for pass in passes.unwrap() {
                 pass.record(&mut work);
             }
@@ -215,7 +217,7 @@ fn product(
     p: &[DVec3],
 ) -> Vec<DVec3> {
     let step = solver.scheme.step(&solver.core, body, timing).unwrap();
-    let [Stage::Passes(begin), Stage::Loop { gate, rounds }, ..] = &step.stages[..] else {
+    let [Stage::Passes(begin), Stage::Loop { gate, rounds, .. }, ..] = &step.stages[..] else {
         panic!("an implicit step begins with the system and its solve")
     };
     let mut work = gpu.record();

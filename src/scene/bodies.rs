@@ -48,7 +48,7 @@ impl Scene {
                 "the scene has [[body]] entries, so [[pin]] and [[force]] belong to one of them: write [[body.pin]] and [[body.force]]".into(),
             ));
         }
-        if let Some(entry) = self.of_cpu() {
+        if let Some(entry) = self.of_tets() {
             return Err(Error::Input(format!(
                 "{entry} acts on a scene of one body, and the scene has [[body]] entries; leave it out, or make a scene of that body"
             )));

@@ -273,13 +273,18 @@ impl Scene {
         toml::from_str(text).map_err(|e| Error::Input(e.to_string()))
     }
 
+    /// What it has that only a body of tets by itself knows of, by the name of its entry.
+    pub(crate) fn of_tets(&self) -> Option<&'static str> {
+        let tool = (!self.tool.is_empty()).then_some("[[tool]]");
+        self.of_cpu().or(tool)
+    }
+
     /// What it has that only the processor's engine knows of, by the name of its entry.
     pub(crate) fn of_cpu(&self) -> Option<&'static str> {
         let all = [
             (self.pressure.is_empty(), "[[pressure]]"),
             (self.moves.is_empty(), "[[move]]"),
             (self.muscle.is_empty(), "[[muscle]]"),
-            (self.tool.is_empty(), "[[tool]]"),
             (self.contact.is_none(), "[contact]"),
         ];
         all.into_iter()

@@ -3,7 +3,7 @@
 use super::stage::Stage;
 use crate::io::atomic_write;
 use crate::mesh::TetCut;
-use crate::physics::{Forces, Reaction};
+use crate::physics::{Engine, Forces, Reaction};
 use crate::{Error, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -136,7 +136,7 @@ impl PinSet {
 impl Stage {
     /// What the body exerts on each of its pins, moves, grabs and tools where it stands, by name and in
     /// this order: moments are about the origin of the file's coordinates, of tools about their
-    /// middles.
+    /// middles. Of a body that a GPU steps its tools alone, where it has any.
     ///
     /// # Errors
     /// [`Error::Input`] where nothing moves, or nothing holds the body; otherwise as
@@ -148,6 +148,13 @@ impl Stage {
                 "what nothing moves exerts no reactions: name a solver (--solver implicit, for example)".into(),
             ));
         };
+        let tools = motion.simulator.tool_forces()?;
+        let names = motion.actors.tools.iter().map(|tool| tool.name.clone());
+        let of_tools: Vec<(String, Reaction)> = names.zip(tools).collect();
+        // A GPU knows the forces on its tools, and not those on nodes.
+        if motion.simulator.engine() == Engine::Gpu && !of_tools.is_empty() {
+            return Ok(of_tools);
+        }
         let forces = Forces::of(motion.simulator.as_mut())?;
         let body = motion.simulator.as_ref();
         let pins = motion.pins.iter();
@@ -172,9 +179,7 @@ impl Stage {
             };
             all.push((name, reaction));
         }
-        let tools = motion.simulator.tool_forces()?;
-        let names = motion.actors.tools.iter().map(|tool| tool.name.clone());
-        all.extend(names.zip(tools));
+        all.extend(of_tools);
         if let Some((name, _)) = all.iter().find(|(_, on)| on.force.is_nan()) {
             return Err(Error::Input(format!(
                 "\"{name}\" holds nodes of a rigid region, whose forces on single nodes are not known, and so no reaction; make the region stiff instead, hold it by a spring, or leave the reactions out"

@@ -83,7 +83,7 @@ impl Setup {
         let (mut material, said) = scene.material.material(&mesh, of_tets)?;
         notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);
-        if let Some(entry) = scene.of_cpu()
+        if let Some(entry) = scene.of_tets()
             && (shape.is_some() || scene.cage.is_some())
         {
             return Err(Error::Input(format!(
@@ -255,6 +255,9 @@ impl Scene {
                 EngineChoice::This(Engine::Rapier) => engine,
                 _ => EngineChoice::This(Engine::Cpu),
             };
+        } else if engine == EngineChoice::Auto && !self.tool.is_empty() {
+            // It takes tools on any body of elements, the GPU not on all.
+            engine = EngineChoice::This(Engine::Cpu);
         }
         let how = (kind, self.conjugate_gradients());
         engine.tets_of(gpu, (mesh, network), material, how)
@@ -405,7 +408,7 @@ impl Scene {
             && forces.is_none()
             && self.grab.is_empty()
             && self.cut.is_empty()
-            && self.of_cpu().is_none()
+            && self.of_tets().is_none()
             && end.is_some();
         let ahead = self.solver.run.filter(|run| run.steps > 0);
         let mut how = format!("gravity of {} acts", said(pull.gravity.length()));

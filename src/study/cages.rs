@@ -109,7 +109,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             "a cage carries bodies of tets that are not cut; leave [grid] and [[cut]] out".into(),
         ));
     }
-    if let Some(entry) = scene.of_cpu() {
+    if let Some(entry) = scene.of_tets() {
         return Err(Error::Input(format!(
             "a cage carries no body that {entry} acts on; leave it out"
         )));

@@ -144,7 +144,7 @@ impl<'a> Motions<'a> {
                 "bodies of tets that are not cut can be tuned; leave [grid] and [[cut]] out".into(),
             ));
         }
-        if let Some(entry) = scene.of_cpu() {
+        if let Some(entry) = scene.of_tets() {
             return Err(Error::Input(format!(
                 "bodies under pins, forces, grabs and gravity can be tuned; leave {entry} out"
             )));

@@ -96,6 +96,34 @@ fn a_finger_presses_and_the_table_bears_it() {
 }
 
 #[test]
+fn the_gpu_presses_as_the_processor_does_where_it_is_asked_to() {
+    let moved =
+        "path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02], [0.6, 0.01, 0, -0.015]]\nfriction = 0.3";
+    let finger = FINGER.replace("path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02]]", moved);
+    let on = |engine: &str| {
+        let text = BOX.replace("dt = 0.05", &format!("dt = 0.05\nengine = \"{engine}\""));
+        let mut stage = stage(&format!("{text}{finger}"));
+        run(&mut stage, 12);
+        let engine = stage.motion().unwrap().engine();
+        let report = stage.measure(1).unwrap();
+        let felt = reaction(&mut stage, "finger");
+        assert_eq!(report.tools.len(), 1);
+        (engine, felt, positions(&stage))
+    };
+    let ((engine, found, x), (_, truth, y)) = (on("gpu"), on("cpu"));
+    assert_eq!(engine, Engine::Gpu);
+    let size = truth.force.length();
+    assert!(
+        truth.force.z > 0.1 && -truth.force.x > 0.02 * size,
+        "{truth:?}"
+    );
+    let off = (found.force - truth.force).length();
+    assert!(off < 0.02 * size, "{found:?} {truth:?}");
+    let off = x.iter().zip(&y).map(|(a, b)| a.distance(*b));
+    assert!(off.fold(0.0, f64::max) < 0.01 * 0.02);
+}
+
+#[test]
 fn a_surface_presses_as_the_ball_that_it_is_and_friction_drags() {
     let force = |tool: &str, more: &str| {
         let text = FINGER.replace("sphere = { radius = 0.02 }", tool);
@@ -294,8 +322,8 @@ fn what_makes_no_sense_is_refused_with_what_would() {
         ),
         (
             "name = \"implicit\"",
-            "name = \"implicit\"\nengine = \"gpu\"",
-            ["[[tool]]", "--engine cpu"],
+            "name = \"bdf2\"\nengine = \"gpu\"",
+            ["bdf2", "engine"],
         ),
         ("[[pin]]", "[cage]\n[[pin]]", ["[[tool]]", "[cage]"]),
     ];

@@ -72,6 +72,10 @@ pub(in crate::physics) struct Slip {
     pub bend: f64,
 }
 
+/// What slides resists as if this part of it stuck, in systems whose matrix must be positive: or it
+/// would slide back and forth.
+const SLIDES: f64 = 0.1;
+
 impl Slip {
     /// At the speed `v`, which holds below `least`.
     pub fn at(v: f64, least: f64) -> Slip {
@@ -88,6 +92,11 @@ impl Slip {
             slope_over: (2.0 - y) / least,
             bend: (2.0 - 2.0 * y) / least,
         }
+    }
+
+    /// The second derivative as a matrix has it that must be positive.
+    pub fn held(&self) -> f64 {
+        self.bend.max(SLIDES * self.slope_over)
     }
 }
 

@@ -88,6 +88,12 @@ impl DistanceField {
         (vertices.map(|p| self.unit * *p), &self.surface.triangles)
     }
 
+    /// The first point of the grid, how many there are along each axis, the values there, and what
+    /// one of these is.
+    pub(in crate::physics) fn grid(&self) -> (DVec3, [usize; 3], &[f64], f64) {
+        (self.low, self.counts, &self.values, self.unit)
+    }
+
     /// How deep inside a point can be.
     pub fn size(&self) -> f64 {
         self.size

@@ -17,5 +17,5 @@ pub use own::SelfContact;
 pub(crate) use pair::scattered;
 pub(super) use pair::{Features, KEPT};
 pub use shape::{Shape, Touch};
-pub(super) use tool::check_pose;
 pub use tool::{Overlap, Tool, ToolId, ToolPose};
+pub(super) use tool::{ToolPath, check_pose};

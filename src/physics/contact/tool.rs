@@ -63,6 +63,13 @@ pub struct Tool {
     pub gap: Option<f64>,
 }
 
+/// The way of a tool in a step, local units: place and turn at either end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::physics) struct ToolPath {
+    pub from: [[f64; 4]; 2],
+    pub to: [[f64; 4]; 2],
+}
+
 /// What of a body lies inside a tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Overlap {

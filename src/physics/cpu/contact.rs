@@ -355,9 +355,8 @@ impl<T: Real> Term<T> for Contact<T> {
                 let along = slide.normalize_or_zero();
                 let plane = DMat3::IDENTITY - outer(rub.normal);
                 let across = plane * slip.slope_over;
-                // What slides is held back as if it stuck a little, or it would slide back and forth.
                 let bend = match self.projected {
-                    true => slip.slope_over,
+                    true => slip.held(),
                     false => slip.bend,
                 };
                 let way = outer(along) * (bend - slip.slope_over);

@@ -67,7 +67,7 @@ pub(super) struct Near<'a> {
 
 /// The boundary of a body: local units, the engine's numbers.
 #[derive(Clone, Debug)]
-pub(super) struct Hull {
+pub(in crate::physics) struct Hull {
     /// Rest positions of all nodes of the body.
     pub rest: Vec<DVec3>,
     /// Nodes of the boundary, each with A K.
@@ -133,7 +133,7 @@ impl Hull {
     /// Chooses the points that may come near to tools while no node moves by more than `margin`:
     /// those that are nearer than that and what tools have in addition. Nodes that are not free do not
     /// feel tools.
-    pub fn choose<T: Real>(
+    pub(super) fn choose<T: Real>(
         &mut self,
         (u, free, plan): (&[V4<T>], &[T], &Plan),
         margin: f64,

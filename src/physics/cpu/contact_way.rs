@@ -18,7 +18,7 @@ const STRIDE: f64 = 0.5;
 /// Where one moves by more than the first part of an edge in a step, all push from the second on at
 /// first: those points that touch in the end are found so.
 const MOVES: f64 = 0.02;
-pub(super) const WIDE: f64 = 0.1;
+pub(in crate::physics) const WIDE: f64 = 0.1;
 
 /// And so many times in a step at most.
 const MOST_STAGES: f64 = 64.0;

@@ -1,6 +1,7 @@
 //! When a step is refused, and what is noted of one that is not. The twin of
 //! `shaders/physics/check.wgsl`.
 
+use crate::physics::guard::CROWDED;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -59,9 +60,7 @@ impl fmt::Display for Failure {
                 "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({baseline:.3e} J) and was given since ({work:.3e} J)"
             ),
             Failure::FlewApart => f.write_str("particles flew apart"),
-            Failure::Pierced => f.write_str(
-                "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far",
-            ),
+            Failure::Pierced => f.write_str(CROWDED),
             Failure::Blocked => f.write_str(
                 "parts of the body are pressed so hard against each other that they would go through; leave them more room, or move what is moved less far or more slowly",
             ),

@@ -12,6 +12,7 @@ mod coarse;
 mod contact;
 mod contact_blocks;
 mod contact_hull;
+mod contact_plain;
 mod contact_way;
 mod element_batches;
 mod element_kernels;
@@ -87,6 +88,9 @@ mod tools_tests;
 mod vectors;
 mod worker;
 
+pub(super) use contact_hull::Hull;
+pub(super) use contact_plain::PlainContact;
+pub(super) use contact_way::WIDE;
 #[cfg(feature = "rapier")]
 pub(super) use guard::Failure;
 #[cfg(feature = "rapier")]
@@ -97,6 +101,7 @@ pub(super) use sending::send_loads;
 pub(super) use stepped::{LoadChange, Stepped};
 #[cfg(feature = "rapier")]
 pub(super) use tools::{Guided, faces_through};
+pub(super) use tools::{HOLDS, check_contact, gap_of, stiff_faces};
 #[cfg(feature = "rapier")]
 pub(super) use worker::{Errand, Refusal, Worker};
 

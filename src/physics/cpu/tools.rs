@@ -10,7 +10,7 @@ use super::terms::At;
 #[cfg(feature = "rapier")]
 use crate::physics::ConjugateGradients;
 use crate::physics::contact::check_pose;
-use crate::physics::{SelfContact, SolverKind, SpringNetwork, Tool, ToolPose};
+use crate::physics::{SelfContact, Shape, SolverKind, SpringNetwork, Tool, ToolPose, Units};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -27,7 +27,7 @@ const BETWEEN: f64 = 1.0 / 20.0;
 const LEAST: f64 = 2e-5;
 
 /// The speed below which friction holds, in extents of the body a second.
-const HOLDS: f64 = 1e-4;
+pub(in crate::physics) const HOLDS: f64 = 1e-4;
 
 /// The stiffness of what is behind the boundary where all of a body is rigid, Pa.
 const STIFF: f64 = 1e6;
@@ -43,7 +43,11 @@ pub(in crate::physics) type Guided = (ToolPose, u64);
 ///
 /// # Errors
 /// [`Error::Input`].
-pub(super) fn check_contact(what: &str, network: &SpringNetwork, kind: SolverKind) -> Result<()> {
+pub(in crate::physics) fn check_contact(
+    what: &str,
+    network: &SpringNetwork,
+    kind: SolverKind,
+) -> Result<()> {
     if network.elements.is_empty() {
         return Err(Error::Input(format!(
             "contact with {what} is of finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)"
@@ -92,11 +96,7 @@ impl<T: Real> CpuBody<T> {
             return;
         };
         let shape = tool.shape.scaled(unit);
-        let gap = match tool.gap {
-            Some(gap) => gap * unit,
-            None => (OF_SIZE * shape.size()).min(OF_EDGE * contact.hull.edge),
-        };
-        let gap = gap.max(LEAST);
+        let gap = gap_of(tool, &shape, contact.hull.edge, unit);
         contact.tools.push(Pressing {
             shape,
             from: at,
@@ -240,31 +240,49 @@ impl<T: Real> CpuBody<T> {
 
     /// The boundary, each face with the stiffness of what is behind it.
     fn hull(&self, faces: &[[u32; 3]], network: &SpringNetwork) -> Hull {
-        let mut around = vec![(0.0, 0.0); network.rest.len()];
-        let (mut all, mut volume) = (0.0, 0.0);
-        for e in &network.elements.tets {
-            let young = YOUNG * e.lame[0];
-            all += young * e.volume;
-            volume += e.volume;
-            for v in e.nodes {
-                let (sum, count) = &mut around[v as usize];
-                (*sum, *count) = (*sum + young, *count + 1.0);
-            }
-        }
-        let mean = if volume > 0.0 { all / volume } else { STIFF };
-        let pressure = self.units.force() / (self.units.length * self.units.length);
-        let of_node = |v: &u32| match around[*v as usize] {
-            (sum, count) if count > 0.0 => sum / count,
-            _ => mean,
-        };
-        let faces: Vec<([u32; 3], f64)> = faces
-            .iter()
-            .map(|face| {
-                let young = face.iter().map(of_node).sum::<f64>() / 3.0;
-                (face.map(|v| self.place[v as usize]), young / pressure)
-            })
+        let faces: Vec<([u32; 3], f64)> = stiff_faces(faces, network, &self.units)
+            .map(|(face, young)| (face.map(|v| self.place[v as usize]), young))
             .collect();
         let places = self.order.iter().map(|v| self.rest[*v as usize]);
         Hull::new(places.map(|x| x / self.units.length).collect(), &faces)
     }
+}
+
+/// The gap from which on `tool`, of a shape in local units, pushes on a body whose boundary has
+/// edges of that mean length; `unit` is a file unit.
+pub(in crate::physics) fn gap_of(tool: &Tool, shape: &Shape, edge: f64, unit: f64) -> f64 {
+    let gap = match tool.gap {
+        Some(gap) => gap * unit,
+        None => (OF_SIZE * shape.size()).min(OF_EDGE * edge),
+    };
+    gap.max(LEAST)
+}
+
+/// `faces` of `network`, each with the Young's modulus of what is behind it, local units.
+pub(in crate::physics) fn stiff_faces(
+    faces: &[[u32; 3]],
+    network: &SpringNetwork,
+    units: &Units,
+) -> impl Iterator<Item = ([u32; 3], f64)> {
+    let mut around = vec![(0.0, 0.0); network.rest.len()];
+    let (mut all, mut volume) = (0.0, 0.0);
+    for e in &network.elements.tets {
+        let young = YOUNG * e.lame[0];
+        all += young * e.volume;
+        volume += e.volume;
+        for v in e.nodes {
+            let (sum, count) = &mut around[v as usize];
+            (*sum, *count) = (*sum + young, *count + 1.0);
+        }
+    }
+    let mean = if volume > 0.0 { all / volume } else { STIFF };
+    let pressure = units.force() / (units.length * units.length);
+    faces.iter().map(move |face| {
+        let of_node = |v: &u32| match around[*v as usize] {
+            (sum, count) if count > 0.0 => sum / count,
+            _ => mean,
+        };
+        let young = face.iter().map(of_node).sum::<f64>() / 3.0;
+        (*face, young / pressure)
+    })
 }

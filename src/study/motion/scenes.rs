@@ -235,7 +235,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     if !(scene.grab.is_empty() && scene.cut.is_empty()) {
         return Err(refused("grabs or cuts"));
     }
-    if let Some(entry) = scene.of_cpu() {
+    if let Some(entry) = scene.of_tets() {
         return Err(refused(entry));
     }
     let mesh = scene.mesh_of_one()?;

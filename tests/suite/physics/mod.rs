@@ -26,3 +26,4 @@ mod simulators;
 mod statics;
 mod steps;
 mod together;
+mod tools_gpu;

@@ -1,0 +1,93 @@
+// What tools exert on points within the faces of the boundary: 15 texels a face. The force on each
+// of its nodes, in w of the first how many points are too deep inside, of the last how many touch;
+// the matrix between each node and itself, the first and the second, the second and the third, the
+// third and the first, each as xx xy xz yy, yz zz.
+
+#import lib/contact_shares
+
+// Of each face its nodes, and in w the longest edge at rest.
+@group(0) @binding(next) var contact_corners: texture_2d<u32>;
+// A K of each face.
+@group(0) @binding(next) var face_weights: texture_2d<f32>;
+@group(0) @binding(next) var faces: texture_storage_2d<rgba32float, write>;
+
+fn add(to: ptr<function, array<vec4<f32>, 15>>, k: u32, by: f32, share: Share) {
+    (*to)[3u + 2u * k] += by * vec4(share.diagonal.x, share.mixed.xy, share.diagonal.y);
+    (*to)[4u + 2u * k] += by * vec4(share.mixed.z, share.diagonal.z, 0.0, 0.0);
+}
+
+// How far a tool is at most from where it stood, at a distance from its origin.
+fn drawn_by(k: u32, place: vec4<f32>, turn: vec4<f32>, arm: f32) -> f32 {
+    let moved = distance(tools[k].at_place.xyz, place.xyz);
+    return moved + 4.0 * length(tools[k].at_turn - turn) * (arm + moved);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let n = item(id, groups);
+    if n >= params.items || status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    let face = textureLoad(contact_corners, at(n), 0);
+    let longest = bitcast<f32>(face.w);
+    var nodes: Corners;
+    var free = vec3(0.0);
+    for (var c = 0u; c < 3u; c++) {
+        let i = at(face[c]);
+        nodes.x[c] = textureLoad(start_positions, i, 0).xyz;
+        nodes.v[c] = textureLoad(velocities, i, 0).xyz;
+        nodes.way[c] = textureLoad(ways, i, 0).xyz;
+        nodes.rubbed[c] = textureLoad(rubbed, i, 0).xyz;
+        free[c] = select(0.0, 1.0, textureLoad(masses, i, 0).y != 0.0);
+    }
+    let third = vec3(1.0 / 3.0);
+    let moved = nodes.x + params.dt * nodes.v;
+    var reach = max(max(distance(moved[0], moved[1]), distance(moved[1], moved[2])), distance(moved[2], moved[0]));
+    for (var c = 0u; c < 3u; c++) {
+        // And from where friction or the iteration before has them.
+        let off = max(length(nodes.v[c] - nodes.rubbed[c]), length(nodes.way[c]));
+        reach = max(reach, distance(moved[c], moved[(c + 1u) % 3u]) + params.dt * off);
+    }
+    var sums: array<vec4<f32>, 15>;
+    var touching = 0.0;
+    for (var k = 0u; k < arrayLength(&tools); k++) {
+        let parts = parts_of(k, longest);
+        // No face comes nearer to a plane than its nodes.
+        if parts < 2u || u32(tools[k].shape.w) == PLANE {
+            continue;
+        }
+        let middle = from_tool(nodes.x, tools[k].at_place.xyz, third, params.dt * (nodes.v * third));
+        let drawn = max(drawn_by(k, tools[k].lag_place, tools[k].lag_turn, length(middle)),
+            drawn_by(k, tools[k].last_place, tools[k].last_turn, length(middle)));
+        if touch(k, middle, tools[k].at_turn).w >= gap_of(k) + reach + drawn {
+            continue;
+        }
+        let ak = textureLoad(face_weights, at(n), 0).x / (0.5 * f32((parts + 1u) * (parts + 2u)) - 3.0);
+        for (var i = 0u; i <= parts; i++) {
+            for (var j = 0u; j <= parts - i; j++) {
+                let l = parts - i - j;
+                let w = vec3(f32(i), f32(j), f32(l)) / f32(parts);
+                if max(max(i, j), l) == parts || dot(w, free) < FREE {
+                    continue;
+                }
+                let share = share_of(k, nodes, w, ak);
+                sums[0].w += share.pierced;
+                if !share.touches {
+                    continue;
+                }
+                touching += 1.0;
+                for (var c = 0u; c < 3u; c++) {
+                    sums[c] += vec4(w[c] * share.force, 0.0);
+                    add(&sums, c, w[c] * w[c], share);
+                    add(&sums, 3u + c, w[c] * w[(c + 1u) % 3u], share);
+                }
+            }
+        }
+    }
+    sums[2].w = touching;
+    // Of the others nothing is read where nothing touches.
+    let count = select(3u, 15u, touching > 0.0);
+    for (var t = 0u; t < count; t++) {
+        textureStore(faces, at(15u * n + t), sums[t]);
+    }
+}

@@ -1,0 +1,57 @@
+// What tools exert on the nodes of the boundary, and on points within the faces around them: three
+// texels a node. The force, in w how many points are too deep inside; and what the node's rows of
+// the matrix add up to, as xx xy xz yy, yz zz.
+
+#import lib/contact_shares
+
+// Of each node of the boundary: its number, its first face in `around`, how many those are, A K.
+@group(0) @binding(next) var boundary_nodes: texture_2d<u32>;
+// Three times the number of the face, and which corner the node is.
+@group(0) @binding(next) var around_nodes: texture_2d<u32>;
+@group(0) @binding(next) var faces: texture_2d<f32>;
+@group(0) @binding(next) var shares: texture_storage_2d<rgba32float, write>;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let n = item(id, groups);
+    if n >= params.items || status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    let node = textureLoad(boundary_nodes, at(n), 0);
+    let i = at(node.x);
+    var force = vec4(0.0);
+    var b0 = vec4(0.0);
+    var b1 = vec4(0.0);
+    if textureLoad(masses, i, 0).y != 0.0 {
+        let x = textureLoad(start_positions, i, 0).xyz;
+        let v = textureLoad(velocities, i, 0).xyz;
+        let way = textureLoad(ways, i, 0).xyz;
+        let rub = textureLoad(rubbed, i, 0).xyz;
+        let one = Corners(mat3x3(x, x, x), mat3x3(v, v, v), mat3x3(way, way, way), mat3x3(rub, rub, rub));
+        for (var k = 0u; k < arrayLength(&tools); k++) {
+            let share = share_of(k, one, vec3(1.0, 0.0, 0.0), bitcast<f32>(node.w));
+            force += vec4(share.force, share.pierced);
+            b0 += vec4(share.diagonal.x, share.mixed.xy, share.diagonal.y);
+            b1 += vec4(share.mixed.z, share.diagonal.z, 0.0, 0.0);
+        }
+    }
+    for (var f = node.y; f < node.y + node.z; f++) {
+        let face = textureLoad(around_nodes, at(f), 0).x;
+        let first = 15u * (face / 3u);
+        let corner = face % 3u;
+        if textureLoad(faces, at(first + 2u), 0).w == 0.0 {
+            continue;
+        }
+        let own = textureLoad(faces, at(first + corner), 0);
+        force += vec4(own.xyz, select(0.0, own.w, corner == 0u));
+        // With itself, with the next corner, and with the one before.
+        for (var k = 0u; k < 3u; k++) {
+            let block = select(3u + (corner + 2u * (k - 1u)) % 3u, corner, k == 0u);
+            b0 += textureLoad(faces, at(first + 3u + 2u * block), 0);
+            b1 += textureLoad(faces, at(first + 4u + 2u * block), 0);
+        }
+    }
+    textureStore(shares, at(3u * node.x), force);
+    textureStore(shares, at(3u * node.x + 1u), b0);
+    textureStore(shares, at(3u * node.x + 2u), b1);
+}

@@ -1,0 +1,49 @@
+// How steep the incremental potential is along the direction, where it begins and at the trial: sums
+// of residuals by directions.
+
+#import lib/reduce
+#import lib/status
+
+struct SlopeParams {
+    nodes: u32,
+    dt: f32,
+    // The row of the first node's right side.
+    right: u32,
+    _pad0: u32,
+}
+
+@group(0) @binding(0) var trial_velocities: texture_2d<f32>;
+@group(0) @binding(1) var velocities: texture_2d<f32>;
+@group(0) @binding(2) var ways: texture_2d<f32>;
+@group(0) @binding(3) var masses: texture_2d<f32>;
+@group(0) @binding(4) var forces: texture_2d<f32>;
+// The residual where it begins: of `physics/implicit_euler_begin`.
+@group(0) @binding(5) var preconditioner: texture_2d<f32>;
+@group(0) @binding(6) var<storage, read> status: Status;
+@group(0) @binding(7) var<storage, read_write> partials: array<vec4<f32>>;
+@group(0) @binding(8) var<uniform> params: SlopeParams;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    if status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    var sum = vec4(0.0);
+    for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
+        // Zero where nothing moves.
+        let way = textureLoad(ways, at(i), 0).xyz;
+        let change = textureLoad(velocities, at(i), 0).xyz - textureLoad(trial_velocities, at(i), 0).xyz;
+        let r = textureLoad(masses, at(i), 0).x * change + params.dt * textureLoad(forces, at(i), 0).xyz;
+        let begun = textureLoad(preconditioner, at(params.right + i), 0).xyz;
+        sum += vec4(dot(way, begun), dot(way, r), 0.0, 0.0);
+    }
+    let total = reduce(sum, lane);
+    if lane == 0u {
+        partials[group.x] = total;
+    }
+}

@@ -1,0 +1,57 @@
+// The state that is tried next: as far along the direction as may be.
+
+#import lib/least
+#import lib/status
+#import lib/tool
+
+struct TrialParams {
+    nodes: u32,
+    // Workgroups that wrote a part of the way, and whether it comes near a tool.
+    groups: u32,
+    dt: f32,
+    _pad0: u32,
+}
+
+@group(0) @binding(0) var start_positions: texture_2d<f32>;
+@group(0) @binding(1) var velocities: texture_2d<f32>;
+@group(0) @binding(2) var ways: texture_2d<f32>;
+@group(0) @binding(3) var<storage, read> parts: array<vec2<f32>>;
+@group(0) @binding(4) var<storage, read> status: Status;
+@group(0) @binding(5) var<storage, read_write> pushing: Pushing;
+@group(0) @binding(6) var trial_positions: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(7) var trial_velocities: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(8) var<uniform> params: TrialParams;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    if status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    var own = 1.0;
+    var away = 1.0;
+    for (var k = lane; k < params.groups; k += WORKGROUP) {
+        own = min(own, parts[k].x);
+        away = min(away, parts[k].y);
+    }
+    let part = min(least_of(own, lane), pushing.length);
+    let apart = least_of(away, lane);
+    if id.x == 0u {
+        pushing.tried = part;
+        if pushing.fresh != 0u {
+            pushing.near = select(0u, 1u, apart <= 0.0);
+        }
+    }
+    for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
+        let x = textureLoad(start_positions, at(i), 0);
+        var v = part * textureLoad(ways, at(i), 0).xyz;
+        if pushing.fresh == 0u {
+            v += textureLoad(velocities, at(i), 0).xyz;
+        }
+        textureStore(trial_positions, at(i), vec4(x.xyz + params.dt * v, x.w));
+        textureStore(trial_velocities, at(i), vec4(v, 0.0));
+    }
+}

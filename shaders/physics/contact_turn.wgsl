@@ -1,0 +1,24 @@
+// After every few iterations of conjugate gradients: opens the passes that take their answer, once
+// it is there. One invocation.
+
+#import lib/cg
+#import lib/tool
+
+struct TurnParams {
+    max_iterations: u32,
+}
+
+@group(0) @binding(0) var<storage, read> scalars: CgScalars;
+@group(0) @binding(1) var<storage, read_write> status: Status;
+@group(0) @binding(2) var<storage, read_write> pushing: Pushing;
+@group(0) @binding(3) var<uniform> params: TurnParams;
+
+@compute @workgroup_size(1)
+fn main() {
+    if status.failed != 0u || pushing.done != 0u {
+        return;
+    }
+    pushing.rounds += 1u;
+    let over = scalars.done != 0u || scalars.iterations >= params.max_iterations;
+    status.solving = select(1u, 0u, over);
+}

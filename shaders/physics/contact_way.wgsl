@@ -1,0 +1,114 @@
+// The part of a direction on which no point of the boundary goes too deep into a tool: of each
+// workgroup the least. By conservative advancement, for no distance changes faster than its point
+// moves. Behind it, at the start of a step, 0 where a tool may come near in it.
+
+#import lib/contact
+#import lib/least
+
+struct WayParams {
+    faces: u32,
+    dt: f32,
+}
+
+@group(0) @binding(next) var contact_corners: texture_2d<u32>;
+@group(0) @binding(next) var velocities: texture_2d<f32>;
+// How velocities change.
+@group(0) @binding(next) var ways: texture_2d<f32>;
+@group(0) @binding(next) var<storage, read> pushing: Pushing;
+@group(0) @binding(next) var<storage, read_write> parts: array<vec2<f32>>;
+@group(0) @binding(next) var<uniform> params: WayParams;
+
+// Points go so deep into a tool between two iterations at most, over half of its thickness: they
+// come out again where they went in.
+const DEEP: f32 = 0.25;
+
+// Steps of a point.
+const ADVANCES: u32 = 60u;
+
+// The part of the way by `along` from a point that is p from the tool's origin.
+fn way_of(k: u32, p: vec3<f32>, along: vec3<f32>, turn: vec4<f32>) -> f32 {
+    let far = length(along);
+    let deep = DEEP * tools[k].numbers.z;
+    var t = 0.0;
+    var room = touch(k, p, turn).w + deep;
+    let start = room;
+    // Of what is deeper already nothing is gained by waiting.
+    if start <= 0.0 {
+        return 1.0;
+    }
+    for (var n = 0u; n < ADVANCES; n++) {
+        if far * (1.0 - t) <= room {
+            return 1.0;
+        }
+        // As good as there.
+        if room <= 1e-2 * min(start, deep) {
+            break;
+        }
+        t += room / far;
+        room = touch(k, p + t * along, turn).w + deep;
+    }
+    return t;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+) {
+    if status.failed != 0u || status.solving != 0u {
+        return;
+    }
+    var way = 1.0;
+    var apart = 1.0;
+    for (var n = id.x; n < params.faces; n += groups.x * WORKGROUP) {
+        let face = textureLoad(contact_corners, at(n), 0);
+        var x: mat3x3<f32>;
+        var v: mat3x3<f32>;
+        var along: mat3x3<f32>;
+        var free = vec3(0.0);
+        for (var c = 0u; c < 3u; c++) {
+            let i = at(face[c]);
+            x[c] = textureLoad(start_positions, i, 0).xyz;
+            if pushing.fresh == 0u {
+                v[c] = textureLoad(velocities, i, 0).xyz;
+            }
+            along[c] = params.dt * textureLoad(ways, i, 0).xyz;
+            free[c] = select(0.0, 1.0, textureLoad(masses, i, 0).y != 0.0);
+        }
+        let moved = x + params.dt * v;
+        let edge = max(max(distance(moved[0], moved[1]), distance(moved[1], moved[2])), distance(moved[2], moved[0]));
+        let far = max(max(length(along[0]), length(along[1])), length(along[2]));
+        for (var k = 0u; k < arrayLength(&tools); k++) {
+            var place = tools[k].at_place.xyz;
+            var turn = tools[k].at_turn;
+            if pushing.fresh != 0u {
+                place = tools[k].from_place.xyz;
+                turn = tools[k].from_turn;
+            }
+            let corner = touch(k, from_tool(x, place, vec3(1.0, 0.0, 0.0), params.dt * v[0]), turn).w;
+            if corner <= edge + far + tools[k].limits.w + max(tools[k].numbers.y, pushing.wide) {
+                apart = 0.0;
+            }
+            // What is on the wrong side of a plane comes back by itself.
+            if corner > edge + far || u32(tools[k].shape.w) == PLANE {
+                continue;
+            }
+            let count = parts_of(k, bitcast<f32>(face.w));
+            for (var i = 0u; i <= count; i++) {
+                for (var j = 0u; j <= count - i; j++) {
+                    let w = vec3(f32(i), f32(j), f32(count - i - j)) / f32(count);
+                    if dot(w, free) >= FREE {
+                        way = min(way, way_of(k, from_tool(x, place, w, params.dt * (v * w)), along * w, turn));
+                    }
+                }
+            }
+        }
+    }
+    let least = least_of(way, lane);
+    let least_apart = least_of(apart, lane);
+    if lane == 0u {
+        parts[group.x] = vec2(least, least_apart);
+    }
+}

@@ -1,0 +1,454 @@
+//! Tools as the GPU has them, and the boundary that they press on; the twin of
+//! `shaders/lib/tool.wgsl` and `shaders/terms/contact.wgsl`.
+//!
+//! Points that tools are kept from are those of the engine on the CPU (`cpu/contact_hull.rs`): the
+//! nodes of the boundary, and lattices within faces that are large beside a tool. A pass over faces
+//! makes forces and blocks of the latter, one over nodes adds up what is around each. Where tools are
+//! is theirs to say: they go on with steps that were sound, as no one on the CPU knows at the time.
+
+use super::contact::{Shape, Tool, ToolPath};
+use super::cpu::{HOLDS, Hull, PlainContact, WIDE, gap_of, stiff_faces};
+use super::gpu_elements::GpuElements;
+use super::loads::Loads;
+use super::units::Units;
+use super::{Body, Reaction, SpringNetwork, ToolPose};
+use crate::gpu::{Array, Gpu, PassBuilder, Texel};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+pub(super) mod gpu_data {
+    crate::gpu_struct! {
+        /// See `shaders/lib/tool.wgsl`.
+        pub struct Tool {
+            pub shape: [f32; 4],
+            pub numbers: [f32; 4],
+            pub limits: [f32; 4],
+            pub low: [f32; 4],
+            pub grid: [u32; 4],
+            pub from_place: [f32; 4],
+            pub from_turn: [f32; 4],
+            pub to_place: [f32; 4],
+            pub to_turn: [f32; 4],
+            pub at_place: [f32; 4],
+            pub at_turn: [f32; 4],
+            pub last_place: [f32; 4],
+            pub last_turn: [f32; 4],
+            pub lag_place: [f32; 4],
+            pub lag_turn: [f32; 4],
+            pub went_place: [f32; 4],
+            pub went_turn: [f32; 4],
+        }
+    }
+    crate::gpu_struct! {
+        /// See `shaders/lib/tool.wgsl`.
+        pub struct Pushing {
+            pub stage: u32,
+            pub stages: u32,
+            pub follows: u32,
+            pub fresh: u32,
+            pub round: u32,
+            pub rubs: u32,
+            pub rub: u32,
+            pub done: u32,
+            pub rounds: u32,
+            pub cuts: u32,
+            pub length: f32,
+            pub tried: f32,
+            pub low: f32,
+            pub high: f32,
+            pub low_slope: f32,
+            pub high_slope: f32,
+            pub wide: f32,
+            pub near: u32,
+            pub bare: u32,
+            pub least: f32,
+            pub stale: u32,
+            pub found: u32,
+            pub steps: u32,
+        }
+    }
+}
+
+/// Texels of a face, and of a node.
+const FACE_TEXELS: usize = 15;
+pub(super) const NODE_TEXELS: usize = 3;
+
+/// No face on that side of an edge.
+const NO_FACE: u32 = u32::MAX;
+
+/// A step is refused that leaves a point inside a tool by more than this part of the tool's size, or
+/// of the edges of the boundary.
+const PIERCED: f64 = 0.02;
+
+/// In a stage a tool goes this part of an edge of the boundary at most, and of half of its thickness.
+const STRIDE: f64 = 0.5;
+
+/// The tools of a body, and its boundary.
+pub(super) struct GpuContact {
+    gpu: Gpu,
+    hull: Hull,
+    known: Vec<Known>,
+    pub tools: wgpu::Buffer,
+    pub fields: wgpu::Buffer,
+    pub pushing: wgpu::Buffer,
+    pub corners: Array,
+    pub face_weights: Array,
+    pub boundary_nodes: Array,
+    pub around_nodes: Array,
+    pub sides: Array,
+    pub faces: Array,
+    pub shares: Array,
+    /// The speed below which friction holds.
+    pub least_speed: f64,
+    /// Tools that move push from so far away at first.
+    pub wide: f64,
+}
+
+/// What was said of a tool, its shape in local units, and the count of its jumps.
+#[derive(Debug)]
+struct Known {
+    shape: Shape,
+    friction: f64,
+    gap: f64,
+    jumps: u64,
+}
+
+impl std::fmt::Debug for GpuContact {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GpuContact")
+            .field("tools", &self.known)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The lists that the arrays of a boundary are made of.
+struct Lists {
+    corners: Vec<[u32; 4]>,
+    weights: Vec<f32>,
+    nodes: Vec<[u32; 4]>,
+    around: Vec<u32>,
+    sides: Vec<[u32; 2]>,
+}
+
+impl Lists {
+    fn new(hull: &Hull, ends: &[[u32; 2]]) -> Lists {
+        let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        let mut beside: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+        let mut corners = Vec::with_capacity(hull.faces.len());
+        for (f, (face, _)) in hull.faces.iter().enumerate() {
+            let mut longest = 0.0f64;
+            for c in 0..3 {
+                let (a, b) = (face[c], face[(c + 1) % 3]);
+                let number = (3 * f + c) as u32;
+                around.entry(a).or_default().push(number);
+                beside.entry([a.min(b), a.max(b)]).or_default().push(number);
+                longest = longest.max(hull.rest[a as usize].distance(hull.rest[b as usize]));
+            }
+            corners.push([face[0], face[1], face[2], (longest as f32).to_bits()]);
+        }
+        let mut lists = Lists {
+            corners,
+            weights: hull
+                .faces
+                .iter()
+                .map(|(_, weight)| *weight as f32)
+                .collect(),
+            nodes: Vec::new(),
+            around: Vec::new(),
+            sides: Vec::new(),
+        };
+        for (node, weight) in &hull.nodes {
+            let own = around.get(node).map_or(&[][..], Vec::as_slice);
+            let first = lists.around.len() as u32;
+            let bits = (*weight as f32).to_bits();
+            lists.nodes.push([*node, first, own.len() as u32, bits]);
+            lists.around.extend(own);
+        }
+        let side = |[a, b]: &[u32; 2]| {
+            let own = beside.get(&[*a.min(b), *a.max(b)]);
+            let own = own.map_or(&[][..], Vec::as_slice);
+            [0, 1].map(|s| own.get(s).copied().unwrap_or(NO_FACE))
+        };
+        lists.sides = ends.iter().map(side).collect();
+        lists
+    }
+}
+
+/// The boundary `faces` of `network`, local units.
+pub(super) fn hull_of(network: &SpringNetwork, faces: &[[u32; 3]], units: &Units) -> Hull {
+    let rest = network.rest.iter().map(|x| *x / units.length).collect();
+    let faces: Vec<([u32; 3], f64)> = stiff_faces(faces, network, units).collect();
+    Hull::new(rest, &faces)
+}
+
+impl GpuContact {
+    /// `tools` where `loads` have them, on the boundary `faces` of the body that `network` and
+    /// `elements` are.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] when the arrays do not fit the device.
+    pub fn new(
+        gpu: &Gpu,
+        (network, elements, units): (&SpringNetwork, &GpuElements, &Units),
+        faces: &[[u32; 3]],
+        (tools, loads): (&[Tool], &Loads),
+    ) -> Result<GpuContact> {
+        let hull = hull_of(network, faces, units);
+        let unit = network.length_unit / units.length;
+        let known = tools.iter().zip(loads.tools()).map(|(tool, (_, jumps))| {
+            let shape = tool.shape.scaled(unit);
+            Known {
+                gap: gap_of(tool, &shape, hull.edge, unit),
+                friction: tool.friction,
+                jumps: *jumps,
+                shape,
+            }
+        });
+        let known: Vec<Known> = known.collect();
+        let lists = Lists::new(&hull, elements.ends());
+        let (mut data, mut values) = (Vec::new(), Vec::new());
+        for (known, (pose, _)) in known.iter().zip(loads.tools()) {
+            let at = placed(loads, pose);
+            data.push(tool_data(known, hull.edge, at, &mut values));
+        }
+        let nodes = network.rest.len();
+        Ok(GpuContact {
+            tools: gpu.buffer_of("tools", &data)?,
+            fields: gpu.buffer_of("distances", &values)?,
+            pushing: gpu.buffer_of(
+                "how tools push",
+                &[<gpu_data::Pushing as bytemuck::Zeroable>::zeroed()],
+            )?,
+            corners: gpu.array_of("boundary faces", Texel::U32x4, &lists.corners)?,
+            face_weights: gpu.array_of("weights of faces", Texel::F32, &lists.weights)?,
+            boundary_nodes: gpu.array_of("boundary nodes", Texel::U32x4, &lists.nodes)?,
+            around_nodes: gpu.array_of("faces around nodes", Texel::U32, &lists.around)?,
+            sides: gpu.array_of("faces beside edges", Texel::U32x2, &lists.sides)?,
+            faces: gpu.array(
+                "contact of faces",
+                Texel::F32x4,
+                FACE_TEXELS * hull.faces.len(),
+            )?,
+            shares: gpu.array("contact of nodes", Texel::F32x4, NODE_TEXELS * nodes)?,
+            gpu: gpu.clone(),
+            least_speed: HOLDS * units.time,
+            wide: WIDE * hull.edge,
+            known,
+            hull,
+        })
+    }
+
+    /// Whether any tool has friction.
+    pub fn rubs(&self) -> bool {
+        self.known.iter().any(|tool| tool.friction > 0.0)
+    }
+
+    /// Says where the tools are to be at the end of the next step, and puts those elsewhere that are
+    /// to be there at once.
+    pub fn guide(&mut self, loads: &Loads) {
+        for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
+            let Some(known) = self.known.get_mut(k) else {
+                return;
+            };
+            let jumped = std::mem::replace(&mut known.jumps, *jumps) != *jumps;
+            self.put(k, placed(loads, pose), jumped);
+        }
+    }
+
+    /// Puts the tools where they go, as they are when steps go on from a state.
+    pub fn stand(&mut self, loads: &Loads) {
+        for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
+            if let Some(known) = self.known.get_mut(k) {
+                known.jumps = *jumps;
+                self.put(k, placed(loads, pose), true);
+            }
+        }
+    }
+
+    fn put(&self, k: usize, at: [[f32; 4]; 2], jumps: bool) {
+        use std::mem::offset_of;
+        let first = k * size_of::<gpu_data::Tool>();
+        let write = |offset: usize| {
+            let bytes = bytemuck::bytes_of(&at);
+            let at = (first + offset) as u64;
+            self.gpu.queue().write_buffer(&self.tools, at, bytes);
+        };
+        write(offset_of!(gpu_data::Tool, to_place));
+        if jumps {
+            write(offset_of!(gpu_data::Tool, from_place));
+            write(offset_of!(gpu_data::Tool, went_place));
+        }
+    }
+
+    /// The force of the body on each tool, and its moment about the origin of the tool's shape: local
+    /// units, in float64, at local positions and velocities after a step of `time`.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub fn reactions(
+        &self,
+        [positions, velocities]: [&[[f32; 4]]; 2],
+        masses: &[[f32; 2]],
+        time: f64,
+    ) -> Result<Vec<[DVec3; 2]>> {
+        let tools: Vec<gpu_data::Tool> = self.gpu.read_buffer(&self.tools)?;
+        let wide = |x: [f32; 4]| x.map(f64::from);
+        let paths: Vec<ToolPath> = tools
+            .iter()
+            .map(|tool| ToolPath {
+                from: [wide(tool.from_place), wide(tool.from_turn)],
+                to: [wide(tool.went_place), wide(tool.went_turn)],
+            })
+            .collect();
+        let u = self.displacements(positions);
+        let v: Vec<[f64; 4]> = velocities
+            .iter()
+            .map(|v| wide([v[0], v[1], v[2], 0.0]))
+            .collect();
+        let free = masses.iter().map(|m| f64::from(u8::from(m[1] != 0.0)));
+        let free: Vec<f64> = free.collect();
+        Ok(self.plain().reactions([&u, &v], &free, &paths, time))
+    }
+
+    /// The same tools and boundary in float64.
+    pub fn plain(&self) -> PlainContact {
+        let mut plain = PlainContact::new(self.hull.clone(), self.least_speed);
+        for known in &self.known {
+            plain.add(known.shape.clone(), known.friction, known.gap);
+        }
+        plain
+    }
+
+    /// How far nodes at local positions are from where they rest.
+    pub fn displacements(&self, positions: &[[f32; 4]]) -> Vec<[f64; 4]> {
+        let moved = |([x, y, z, _], rest): (&[f32; 4], &DVec3)| {
+            let u = DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)) - *rest;
+            [u.x, u.y, u.z, 0.0]
+        };
+        positions.iter().zip(&self.hull.rest).map(moved).collect()
+    }
+
+    /// Binds what `terms/contact` declares in a program.
+    pub fn bind<'a>(&'a self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
+        pass.read(&self.shares)
+    }
+}
+
+/// Place and turn of a pose as the GPU has them.
+fn placed(loads: &Loads, pose: &ToolPose) -> [[f32; 4]; 2] {
+    let (frame, _) = loads.frame_and_unit();
+    let place = frame.to_local(pose.place());
+    let turn = pose.turn().normalize().to_array();
+    [place.extend(0.0).to_array(), turn.map(|x| x as f32)]
+}
+
+/// A tool that stands somewhere; the values of its field go to those of the others.
+fn tool_data(
+    known: &Known,
+    edge: f64,
+    [place, turn]: [[f32; 4]; 2],
+    values: &mut Vec<f32>,
+) -> gpu_data::Tool {
+    let shape = &known.shape;
+    // Of planes, which have none of these.
+    let most = |x: f64| x.min(f64::from(f32::MAX)) as f32;
+    let (mut low, mut grid) = ([0.0; 4], [0; 4]);
+    let numbers = match shape {
+        Shape::Sphere { radius } => [*radius, 0.0, 0.0, 0.0],
+        Shape::Capsule { radius, length } => [*radius, 0.5 * length, 0.0, 1.0],
+        Shape::Box { half } => [half.x, half.y, half.z, 2.0],
+        Shape::Plane => [0.0, 0.0, 0.0, 3.0],
+        Shape::Field(field) => {
+            let (first, counts, own, unit) = field.grid();
+            low = [first.x, first.y, first.z, field.spacing()].map(|x| x as f32);
+            let [x, y, z] = counts.map(|n| n as u32);
+            grid = [x, y, z, values.len() as u32];
+            values.extend(own.iter().map(|v| *v as f32));
+            [unit, 0.0, 0.0, 4.0]
+        }
+    };
+    let stride = STRIDE * edge.min(shape.half_thickness());
+    let half = shape.half_thickness();
+    gpu_data::Tool {
+        shape: numbers.map(|x| x as f32),
+        numbers: [
+            known.friction as f32,
+            known.gap as f32,
+            most(half),
+            most(shape.size()),
+        ],
+        limits: [
+            (PIERCED * shape.size().min(edge)) as f32,
+            stride as f32,
+            most(shape.radius()),
+            0.0,
+        ],
+        low,
+        grid,
+        from_place: place,
+        from_turn: turn,
+        to_place: place,
+        to_turn: turn,
+        at_place: place,
+        at_turn: turn,
+        last_place: place,
+        last_turn: turn,
+        lag_place: place,
+        lag_turn: turn,
+        went_place: place,
+        went_turn: turn,
+    }
+}
+
+impl Body {
+    /// Refuses tools on a body that the GPU cannot step with them.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for rigid regions.
+    pub(super) fn check_tools(&self) -> Result<()> {
+        match self.rigid {
+            None => Ok(()),
+            Some(_) => Err(Error::Input(
+                "tools press on bodies with rigid regions on the processor only: take the engine cpu or auto (--engine)".into(),
+            )),
+        }
+    }
+
+    /// What it exerts on each tool after steps of `dt` seconds.
+    ///
+    /// # Errors
+    /// What reading back gives.
+    pub(super) fn tool_forces(&self, dt: f64) -> Result<Vec<Reaction>> {
+        let Some(contact) = &self.contact else {
+            return Ok(Vec::new());
+        };
+        let positions: Vec<[f32; 4]> = self.nodes.local()?;
+        let velocities: Vec<[f32; 4]> = self.gpu.read_array(&self.velocities)?;
+        let masses: Vec<[f32; 2]> = self.gpu.read_array(&self.masses)?;
+        let time = dt / self.units.time;
+        let local = contact.reactions([&positions, &velocities], &masses, time)?;
+        let units = [self.units.force(), self.units.energy()];
+        let reaction = |[force, moment]: &[DVec3; 2]| Reaction {
+            force: *force * units[0],
+            moment: *moment * units[1],
+        };
+        Ok(local.iter().map(reaction).collect())
+    }
+
+    /// Has `tools` press on its boundary `faces`, from where its loads have them.
+    ///
+    /// # Errors
+    /// As [`Body::check_tools`]; [`Error::Gpu`] when the arrays do not fit the device.
+    pub(super) fn set_tools(&mut self, tools: &[Tool], faces: &[[u32; 3]]) -> Result<()> {
+        self.check_tools()?;
+        let Some(elements) = &self.elements else {
+            return Ok(());
+        };
+        let of = (&self.network, elements, &self.units);
+        self.contact = Some(GpuContact::new(&self.gpu, of, faces, (tools, &self.loads))?);
+        self.generation += 1;
+        self.changed();
+        Ok(())
+    }
+}
