@@ -217,13 +217,23 @@ impl Image {
         }
     }
 
+    /// The picture as a PNG of eight bits shows it on `background`: red, green, blue and opacity a
+    /// pixel, not premultiplied, row by row from the top. Lengths are grey.
+    pub fn rgba8(&self, background: Background) -> Vec<u8> {
+        let (colour, shown) = self.shown(background);
+        let pixels = shown.chunks_exact(colour.channel_count().into());
+        let rgba = pixels.flat_map(|p| match *p {
+            [grey] => [grey, grey, grey, 1.0],
+            [r, g, b] => [r, g, b, 1.0],
+            _ => [p[0], p[1], p[2], p[3]],
+        });
+        rgba.map(byte).collect()
+    }
+
     fn png(&self, background: Background, depth: BitDepth) -> image::ImageResult<Vec<u8>> {
         let (colour, shown) = self.shown(background);
         let (colour, bytes): (_, Vec<u8>) = match depth {
-            BitDepth::Eight => {
-                let byte = |v: &f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
-                (colour, shown.iter().map(byte).collect())
-            }
+            BitDepth::Eight => (colour, shown.iter().copied().map(byte).collect()),
             BitDepth::Sixteen => {
                 let word = |v: &f32| ((65535.0 * v.clamp(0.0, 1.0)).round() as u16).to_ne_bytes();
                 let colour = match colour {
@@ -263,7 +273,12 @@ impl Image {
     }
 }
 
+fn byte(v: f32) -> u8 {
+    (255.0 * v.clamp(0.0, 1.0)).round() as u8
+}
+
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -278,6 +293,22 @@ mod tests {
         assert_eq!(small.size, [2, 2]);
         assert_eq!(small.values, [3.0, 5.0, 13.0, 15.0]);
         assert_eq!(large.shrunk(1), large);
+    }
+
+    #[test]
+    fn bytes_are_those_of_a_png() {
+        let picture = Image {
+            size: [2, 1],
+            channels: 4,
+            values: vec![0.2, 0.1, 0.0, 0.4, 0.0, 0.0, 0.0, 0.0],
+        };
+        let file = picture
+            .png(Background::Transparent, BitDepth::Eight)
+            .unwrap();
+        let read = image::load_from_memory(&file).unwrap().into_rgba8();
+        assert_eq!(picture.rgba8(Background::Transparent), read.into_raw());
+        let on_white = [204, 179, 153, 255, 255, 255, 255, 255];
+        assert_eq!(picture.rgba8(Background::White), on_white);
     }
 
     #[test]

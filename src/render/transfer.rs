@@ -8,8 +8,9 @@ use std::path::Path;
 ///
 /// The file form is JSON, `{"colour": [[s, r, g, b], …], "extinction": [[s, per_length], …]}`;
 /// the two lists may have different nodes, and beyond its ends each keeps its last value.
-/// Extinction is per unit of length of the mesh file. Presets are relative: their scalar runs
-/// from 0 to 1 over the field's range, and their extinction is per extent of the mesh.
+/// Extinction is per unit of length of the mesh file. Presets are relative, and so is a file with
+/// `"relative": true`: the scalar runs from 0 to 1 over the field's range, and extinction is per
+/// extent of the mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {
     colour: Vec<[f64; 4]>,
@@ -29,6 +30,8 @@ pub struct ResolvedTransfer {
 struct TransferFile {
     colour: Vec<[f64; 4]>,
     extinction: Vec<[f64; 2]>,
+    #[serde(default)]
+    relative: bool,
 }
 
 impl TransferFunction {
@@ -72,7 +75,10 @@ impl TransferFunction {
                  \"extinction\": [[s, per_length], …]}}"
             ))
         })?;
-        TransferFunction::new(file.colour, file.extinction)
+        match file.relative {
+            true => TransferFunction::relative(file.colour, file.extinction),
+            false => TransferFunction::new(file.colour, file.extinction),
+        }
     }
 
     /// Reads the JSON form from a file.

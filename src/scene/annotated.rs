@@ -253,6 +253,15 @@ impl Stage {
         image.save_as(path, self.background, self.bits)
     }
 
+    /// The picture as [`Stage::save`] writes it to a PNG of eight bits: red, green, blue and opacity a
+    /// pixel, row by row from the top.
+    ///
+    /// # Errors
+    /// As [`Stage::image`].
+    pub fn rgba(&mut self) -> Result<Vec<u8>> {
+        Ok(self.annotated_image()?.rgba8(self.background))
+    }
+
     /// Saves a picture that [`Stage::ask_image`] asked for, as [`Stage::save`] would: a PNG with what
     /// the scene asks to be drawn onto it.
     ///

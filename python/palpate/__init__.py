@@ -1,0 +1,56 @@
+"""Press on a body and see inside it while it gives.
+
+Deformable tetrahedral meshes, simulated on the GPU or on the processor, and drawn by a volume
+raycaster that walks the deformed tetrahedra::
+
+    import palpate
+    picture = palpate.render("liver.vtu", field="Temp", size=(320, 240))   # (240, 320, 4), uint8
+
+Wherever a body is expected, a :class:`Mesh`, a :class:`Body`, a :class:`Scene` or the path of a
+mesh, a volume, a surface or a scene file (``.toml``) will do. Places are in the mesh's unit,
+physics in SI units.
+"""
+
+from ._camera import Camera
+from ._errors import DeviceError, Error, FileError, InputError, MissingFileError, SolverError
+from ._mesh import Field, Mesh
+from ._palpate import __version__, adapters
+from ._press import Press, PressMap, press, press_map
+from ._scene import Body, Material, Scene
+from ._stage import Grab, Pick, Reaction, Renderer, Simulator, render
+from ._transfer import TransferFunction
+from ._volume import Volume
+from ._work import Tuned, study, tune, warp
+
+__all__ = [
+    "Body",
+    "Camera",
+    "DeviceError",
+    "Error",
+    "Field",
+    "FileError",
+    "Grab",
+    "InputError",
+    "Material",
+    "Mesh",
+    "MissingFileError",
+    "Pick",
+    "Press",
+    "PressMap",
+    "Reaction",
+    "Renderer",
+    "Scene",
+    "Simulator",
+    "SolverError",
+    "TransferFunction",
+    "Tuned",
+    "Volume",
+    "__version__",
+    "adapters",
+    "press",
+    "press_map",
+    "render",
+    "study",
+    "tune",
+    "warp",
+]

@@ -1,0 +1,271 @@
+"""A fingertip that presses on a body."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _palpate
+from ._errors import Error, InputError
+from ._mesh import Mesh, PathOf, Points, Progress
+from ._scene import BodyLike, Scene
+from ._stage import Picture
+
+Numbers = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Press:
+    """What a press found; arrays have one number a step.
+
+    Attributes:
+        time: s.
+        loading: whether the fingertip was on its way in.
+        depth: how far it is beyond where it touched the body at rest, m.
+        force: the force on it, out of the body, N.
+        report: ``stiffness_n_per_m, hertz_young_pa, max_force_n, max_depth_m, radius_m, poisson,
+            engine, seconds``.
+        point: where it pressed, in the mesh's unit.
+        rest: the body before, shape (height, width, 4).
+        pressed: the body at the deepest, cut open through the press.
+        deformed: the mesh at the deepest, with its displacement.
+        notes: what was assumed, a sentence each.
+        failure: why it ended early, where a step failed.
+    """
+
+    time: Numbers
+    loading: npt.NDArray[np.bool_]
+    depth: Numbers
+    force: Numbers
+    report: dict[str, Any]
+    point: tuple[float, float, float]
+    rest: Picture
+    pressed: Picture
+    deformed: Mesh
+    notes: list[str]
+    failure: str | None
+
+    def save(self, out: PathOf) -> None:
+        """Writes ``rest.png``, ``pressed.png``, ``press.csv``, ``press.json`` and ``pressed.vtu``
+        into a folder."""
+        folder = Path(out)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, picture in [("rest", self.rest), ("pressed", self.pressed)]:
+            _palpate.write_png(fspath(folder / f"{name}.png"), picture)
+        phases = ["load" if loading else "unload" for loading in self.loading]
+        rows = zip(self.time.tolist(), phases, self.depth.tolist(), self.force.tolist())
+        lines = [f"{t},{phase},{depth},{force}" for t, phase, depth, force in rows]
+        _replace(folder / "press.csv", "\n".join(["time_s,phase,depth_m,force_n", *lines, ""]))
+        _replace(folder / "press.json", json.dumps(self.report, indent=2) + "\n")
+        self.deformed.write(folder / "pressed.vtu")
+
+
+def press(
+    body: BodyLike,
+    *,
+    at: Sequence[float] | None = None,
+    pick: Sequence[float] | None = None,
+    radius: float | None = None,
+    depth: float | None = None,
+    force: float | None = None,
+    size: Sequence[int] | None = None,
+    engine: str | None = None,
+    adapter: str | None = None,
+    progress: Progress | None = None,
+) -> Press:
+    """Presses on a body with a fingertip and lets go, as ``palpate press`` does.
+
+    Args:
+        body: a mesh, a body, a scene of one body, or the path of a file.
+        at: presses on the boundary nearest to this point; default: what the camera sees first.
+        pick: presses on what is seen at this point of the picture, in pixels.
+        radius: of the fingertip, in the mesh's unit; default: what suits the body there.
+        depth: how far it goes in, in the mesh's unit; default: a tenth of the thickness there.
+        force: goes in until the body resists with so many newtons instead.
+        size: of the pictures, in pixels.
+        engine: ``gpu``, ``cpu`` or ``auto``.
+        adapter: which graphics adapter.
+        progress: told of steps, as a fraction. Ctrl-C, or what it raises, ends the press.
+    """
+    scene = Scene.of(body).with_(
+        {k: v for k, v in [("picture.size", size), ("solver.engine", engine)] if v is not None}
+    )
+    native = _with_files(
+        scene,
+        lambda entries, folder: _palpate.Press(
+            entries,
+            folder,
+            _triple(at),
+            None if pick is None else (float(pick[0]), float(pick[1])),
+            radius,
+            depth,
+            force,
+            adapter,
+        ),
+    )
+    rest = _picture(native.rgba())
+    native.cut_through()
+    pressed, deformed = rest, native.mesh()
+    samples: list[tuple[float, str, float, float]] = []
+    steps = max(native.steps(), 1)
+    failure = None
+    seconds = 0.0
+    while True:
+        start = time.perf_counter()
+        try:
+            sample = native.advance()
+        except Error as why:
+            # What was measured until then is kept.
+            failure = str(why)
+            break
+        seconds += time.perf_counter() - start
+        if sample is None:
+            break
+        samples.append(sample)
+        if native.is_deepest():
+            pressed, deformed = _picture(native.rgba()), native.mesh()
+        if progress is not None:
+            progress("pressing", min(len(samples) / steps, 1.0))
+    notes = native.notes()
+    if native.falls_short():
+        notes.append("the force was not reached at half of the thickness")
+    return Press(
+        time=np.array([s[0] for s in samples]),
+        loading=np.array([s[1] == "load" for s in samples], dtype=np.bool_),
+        depth=np.array([s[2] for s in samples]),
+        force=np.array([s[3] for s in samples]),
+        report=json.loads(native.report(seconds)),
+        point=native.spot()[0],
+        rest=rest,
+        pressed=pressed,
+        deformed=Mesh._of(deformed),
+        notes=notes,
+        failure=failure,
+    )
+
+
+@dataclass(frozen=True)
+class PressMap:
+    """The stiffness of a body at the points of a grid, pressed from above.
+
+    Attributes:
+        points: where, in the mesh's unit, shape (n, 3).
+        stiffness: N/m, shape (n,); NaN where a step failed.
+        picture: the stiffness on the body, shape (height, width, 4).
+        notes: what was assumed, a sentence each.
+    """
+
+    points: Points
+    stiffness: Numbers
+    picture: Picture
+    notes: list[str]
+
+
+def press_map(
+    body: BodyLike,
+    points: Sequence[int],
+    *,
+    radius: float | None = None,
+    depth: float | None = None,
+    out: PathOf | None = None,
+    adapter: str | None = None,
+    progress: Progress | None = None,
+) -> PressMap:
+    """Presses on a body at the points of a grid, on all cores.
+
+    Args:
+        body: a mesh, a body, a scene of one body, or the path of a file.
+        points: how many along the two sides, such as ``(10, 10)``.
+        radius: of the fingertip, in the mesh's unit.
+        depth: how far it goes in, in the mesh's unit.
+        out: a folder in which every point that is done is kept, so that a map that was interrupted
+            goes on from there.
+        adapter: which graphics adapter.
+        progress: told of points, as a fraction. Ctrl-C, or what it raises, ends the map after the
+            points under way.
+    """
+    along, across = (int(n) for n in points)
+    native = _with_files(
+        Scene.of(body),
+        lambda entries, folder: _palpate.PressMap(
+            entries, folder, (along, across), radius, depth, adapter
+        ),
+    )
+    mark = native.mark()
+    kept = None if out is None else Path(out) / "map.json"
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        if kept.exists():
+            native.take_over(_found_before(kept, mark))
+
+    def done(what: str, share: float) -> None:
+        if kept is not None:
+            _keep(native.found(), mark, kept)
+        if progress is not None:
+            progress(what, share)
+
+    try:
+        native.measure(done)
+    finally:
+        if kept is not None:
+            _keep(native.found(), mark, kept)
+    found = [math.nan if k is None else k for k in native.found()]
+    return PressMap(native.places(), np.array(found), _picture(native.rgba()), native.notes())
+
+
+def _keep(stiffness: list[float | None], mark: str, file: Path) -> None:
+    found = ["failed" if k is not None and math.isnan(k) else k for k in stiffness]
+    _replace(file, json.dumps({"mark": mark, "stiffness": found}))
+
+
+def _replace(file: Path, text: str) -> None:
+    part = file.with_name(f".{file.name}.part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, file)
+
+
+def _found_before(file: Path, mark: str) -> list[float | None]:
+    try:
+        before = json.loads(file.read_text(encoding="utf-8"))
+        same = before["mark"] == mark
+        found = [math.nan if k == "failed" else k for k in before["stiffness"]]
+    except (ValueError, KeyError, TypeError) as why:
+        raise InputError(f"{file} is damaged ({why}); remove it to begin anew") from None
+    if not same:
+        raise InputError(
+            f"{file} is a map of another body, or made with other settings; name another folder, "
+            "or remove it"
+        )
+    return found
+
+
+def _with_files(scene: Scene, make: Any) -> Any:
+    """Makes something of a scene whose mesh has to be in a file."""
+    if scene.mesh is None:
+        return make(scene.json(), fspath(scene.folder))
+    import tempfile
+
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        return make(scene.in_files(folder).json(), folder)
+
+
+def _picture(native: tuple[npt.NDArray[np.uint8], tuple[int, int]]) -> Picture:
+    pixels, (width, height) = native
+    return pixels.reshape(height, width, 4)
+
+
+def _triple(values: Sequence[float] | None) -> tuple[float, float, float] | None:
+    if values is None:
+        return None
+    x, y, z = (float(v) for v in values)
+    return (x, y, z)

@@ -1,0 +1,377 @@
+"""Many pictures and many bodies on a cluster: frames, sweeps and maps as tasks of dask.distributed.
+
+Each function takes a ``distributed.Client``, on this machine (``LocalCluster``) or of a cluster
+(dask-jobqueue, clouds), whose workers have this package and see the same files. Work goes a frame,
+a case or a point to a task; tasks of a worker that is lost run again elsewhere; with ``out`` what is
+done is kept in a folder and not done twice. A worker with one thread and one device is best.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import itertools
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from os import fspath
+from pathlib import Path
+from typing import Any, Union
+
+import numpy as np
+
+from . import _palpate
+from ._errors import InputError
+from ._mesh import Mesh, PathOf
+from ._press import PressMap, _found_before, _keep, _picture, _with_files
+from ._scene import BodyLike, Scene, picture_entries
+from ._stage import Simulator, stage_of
+
+#: What a case measures: numbers, words, lists and tables of such.
+Measured = dict[str, Any]
+#: Times that a task which fails with its worker runs again.
+RETRIES = 3
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture of a series.
+
+    Attributes:
+        number: from 0 on.
+        time: s.
+        path: the picture.
+        drawn: whether it was drawn now, and not kept from before.
+    """
+
+    number: int
+    time: float
+    path: Path
+    drawn: bool
+
+
+def render_series(
+    pvd: PathOf,
+    client: Any,
+    out: PathOf,
+    *,
+    each: Callable[[Frame], None] | None = None,
+    adapter: str | None = None,
+    **picture: Any,
+) -> list[Frame]:
+    """Draws every frame of a recorded series, the same pictures as ``palpate simulate SERIES.pvd``:
+    of the first frame's fields, where each frame's nodes are, in one view.
+
+    Args:
+        pvd: the series, which the workers find under the same path.
+        client: a ``distributed.Client``.
+        out: a folder for ``NAME_0000.png`` and so on, which the workers can write to. Pictures that
+            are there and of the same series and settings are not drawn again.
+        each: told of every frame as it comes.
+        adapter: which graphics adapter the workers take.
+        picture: as :func:`palpate.render` has them.
+    """
+    series = Path(pvd).resolve()
+    frames = [(time, Path(file).resolve()) for time, file in _palpate.read_series(fspath(series))]
+    if not frames:
+        raise InputError(f"{series}: the series has no frames")
+    folder = Path(out).resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    scene = Scene.of(frames[0][1]).with_(picture_entries(**picture))
+    stamps = [[fspath(f), f.stat().st_size, f.stat().st_mtime_ns] for _, f in frames]
+    mark = _mark(scene.json(), stamps, adapter)
+    kept = folder / f"{series.stem}.json"
+    same = _content(kept).get("mark") == mark
+    paths = [folder / f"{series.stem}_{n:04}.png" for n in range(len(frames))]
+    left = [n for n, path in enumerate(paths) if not (same and path.is_file())]
+    if not same:
+        for path in paths:
+            path.unlink(missing_ok=True)
+        _write(kept, {"mark": mark, "frames": len(frames)})
+    done: dict[int, Frame] = {}
+
+    def tell(frame: Frame) -> None:
+        done[frame.number] = frame
+        if each is not None:
+            each(frame)
+
+    for n in sorted(set(range(len(frames))) - set(left)):
+        tell(Frame(n, frames[n][0], paths[n], drawn=False))
+    if left:
+        bounds = client.gather(client.map(_bounds, [fspath(f) for _, f in frames], pure=False, retries=RETRIES))
+        reach = [list(corner) for low, high in bounds for corner in itertools.product(*zip(low, high))]
+        times = [time for time, _ in frames]
+        resolution = min((b - a for a, b in zip(times, times[1:])), default=math.inf)
+        futures = {
+            client.submit(
+                _draw,
+                scene,
+                reach,
+                (frames[n][0], resolution, fspath(frames[n][1])),
+                fspath(paths[n]),
+                adapter,
+                pure=False,
+                retries=RETRIES,
+            ): n
+            for n in left
+        }
+        for future in _as_completed(futures):
+            future.result()
+            n = futures[future]
+            tell(Frame(n, frames[n][0], paths[n], drawn=True))
+    return [done[n] for n in range(len(frames))]
+
+
+def sweep(
+    scene: BodyLike,
+    values: Mapping[str, Sequence[Any]],
+    client: Any,
+    *,
+    steps: int | None = None,
+    measure: Callable[[Simulator], Measured] | None = None,
+    out: PathOf | None = None,
+    each: Callable[[Measured], None] | None = None,
+    adapter: str | None = None,
+) -> list[Measured]:
+    """Simulates a scene for every combination of values.
+
+    Args:
+        scene: what is simulated.
+        values: by dotted names of entries, such as ``{"material.muscle.young": [1e4, 3e4]}``.
+        client: a ``distributed.Client``.
+        steps: of each case; default: the scene's, or 50.
+        measure: what is measured of a case once it has run, as a table that JSON can hold; default:
+            the report (energies, volume, largest displacement) and the largest von Mises stress. A
+            function of a module that the workers can import.
+        out: a folder for ``sweep.csv``, and for what each case measured, which is not measured
+            again.
+        each: told of every case as it comes.
+        adapter: which graphics adapter the workers take.
+
+    Returns:
+        A table a case, its values first, in the order of the combinations. One whose simulation
+        failed has ``failure`` and says why.
+    """
+    for name, choices in values.items():
+        if isinstance(choices, (str, bytes)) or not isinstance(choices, Iterable):
+            raise InputError(f"values: {name} needs a list of values, not {choices!r}")
+    own = Scene.of(scene)
+    given = [dict(zip(values, combination)) for combination in itertools.product(*values.values())]
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        (folder / "cases").mkdir(parents=True, exist_ok=True)
+    look = measure or report_of
+    content = "" if own.mesh is None else hashlib.sha256(own.mesh._native.to_bytes()).hexdigest()
+    results: list[Measured | None] = [None] * len(given)
+    futures = {}
+
+    def tell(n: int, found: Measured) -> None:
+        results[n] = {**given[n], **found}
+        if each is not None:
+            each({**given[n], **found})
+
+    for n, case in enumerate(given):
+        changed = own.with_(case)
+        mark = _mark(changed.json(), content, steps, adapter, f"{look.__module__}.{look.__qualname__}")
+        file = None if folder is None else folder / "cases" / f"{mark[:16]}.json"
+        kept = {} if file is None else _content(file)
+        if kept.get("mark") == mark:
+            tell(n, kept["measured"])
+        else:
+            future = client.submit(
+                _run, changed, steps, look, adapter, pure=False, retries=RETRIES
+            )
+            futures[future] = (n, file, mark)
+    for future in _as_completed(futures):
+        n, file, mark = futures[future]
+        found = future.result()
+        if file is not None:
+            _write(file, {"mark": mark, "case": given[n], "measured": found})
+        tell(n, found)
+    rows = [row for row in results if row is not None]
+    if folder is not None:
+        _table(folder / "sweep.csv", rows)
+    return rows
+
+
+def press_map(
+    body: BodyLike,
+    points: Sequence[int],
+    client: Any,
+    *,
+    radius: float | None = None,
+    depth: float | None = None,
+    out: PathOf | None = None,
+    each: Callable[[int, float], None] | None = None,
+    adapter: str | None = None,
+) -> PressMap:
+    """The map of :func:`palpate.press_map`, a point to a task.
+
+    Args:
+        body: a mesh, a body, a scene of one body, or the path of a file.
+        points: how many along the two sides.
+        client: a ``distributed.Client``.
+        radius: of the fingertip, in the mesh's unit.
+        depth: how far it goes in, in the mesh's unit.
+        out: a folder in which every point that is done is kept; that of :func:`palpate.press_map`.
+        each: told of every point, by its number, and its stiffness in N/m, as it comes.
+        adapter: which graphics adapter the workers take.
+    """
+    scene = Scene.of(body)
+    wanted = ((int(points[0]), int(points[1])), radius, depth, adapter)
+    native = _map(scene, *wanted)
+    mark = native.mark()
+    kept = None if out is None else Path(out) / "map.json"
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        if kept.exists():
+            native.take_over(_found_before(kept, mark))
+    found = native.found()
+    left = [n for n, stiffness in enumerate(found) if stiffness is None]
+    futures = {
+        client.submit(_press, scene, wanted, n, len(found), pure=False, retries=RETRIES): n
+        for n in left
+    }
+    for future in _as_completed(futures):
+        n = futures[future]
+        stiffness = future.result()
+        found[n] = stiffness
+        if kept is not None:
+            _keep(found, mark, kept)
+        if each is not None:
+            each(n, stiffness)
+    native.take_over(found)
+    stiffnesses = np.array([math.nan if k is None else k for k in found])
+    return PressMap(native.places(), stiffnesses, _picture(native.rgba()), native.notes())
+
+
+def report_of(simulator: Simulator) -> Measured:
+    """What :func:`sweep` measures where nothing is said."""
+    report = simulator.report()
+    measured = {
+        "time_s": simulator.time,
+        "max_displacement": report["max_displacement"],
+        "volume_ratio": report["volume_ratio"],
+        "inverted": report["inverted"],
+        **{f"{name}_j": value for name, value in report["energy"].items()},
+    }
+    try:
+        measured["von_mises_max_pa"] = float(simulator.field("von_mises").max())
+    except InputError:
+        # Springs, grids and cages have none.
+        pass
+    return measured
+
+
+def _run(
+    scene: Scene,
+    steps: int | None,
+    measure: Callable[[Simulator], Measured],
+    adapter: str | None,
+) -> Measured:
+    from ._errors import SolverError
+
+    simulator = Simulator(scene, adapter=adapter)
+    try:
+        simulator.advance(simulator._stage.steps() if steps is None else steps)
+    except SolverError as why:
+        return {"failure": str(why)}
+    return measure(simulator)
+
+
+def _bounds(file: str) -> tuple[list[float], list[float]]:
+    return Mesh.read(file).bounds
+
+
+#: The stage of the series that this worker draws, which its frames share.
+_drawn: dict[str, _palpate.Stage] = {}
+
+
+def _draw(
+    scene: Scene,
+    reach: list[list[float]],
+    frame: tuple[float, float, str],
+    path: str,
+    adapter: str | None,
+) -> None:
+    key = _mark(scene.json(), reach, adapter)
+    stage = _drawn.get(key)
+    if stage is None:
+        stage = stage_of(scene, adapter)
+        stage.frame(np.array(reach))
+        _drawn.clear()
+        _drawn[key] = stage
+    time, resolution, file = frame
+    try:
+        stage.pose(Mesh.read(file).nodes)
+    except InputError as why:
+        raise InputError(f"{file}: is no frame of the same mesh: {why}") from None
+    stage.tell_time(time, resolution)
+    stage.save(path)
+
+
+def _map(
+    scene: Scene,
+    points: tuple[int, int],
+    radius: float | None,
+    depth: float | None,
+    adapter: str | None,
+) -> _palpate.PressMap:
+    native: _palpate.PressMap = _with_files(
+        scene,
+        lambda entries, folder: _palpate.PressMap(entries, folder, points, radius, depth, adapter),
+    )
+    return native
+
+
+def _press(
+    scene: Scene,
+    wanted: tuple[tuple[int, int], float | None, float | None, str | None],
+    number: int,
+    count: int,
+) -> float:
+    native = _map(scene, *wanted)
+    # All others count as done.
+    native.take_over([None if n == number else math.nan for n in range(count)])
+    native.measure(None)
+    found = native.found()[number]
+    return math.nan if found is None else found
+
+
+def _as_completed(futures: Iterable[Any]) -> Iterable[Any]:
+    from distributed import as_completed
+
+    completed: Iterable[Any] = as_completed(list(futures))
+    return completed
+
+
+def _mark(*parts: Any) -> str:
+    text = json.dumps([_palpate.__version__, *parts], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _content(file: Path) -> dict[str, Any]:
+    """What a file of ours holds; nothing where there is none, or another's."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _write(file: Path, content: Union[Measured, list[Any]]) -> None:
+    part = file.with_name(f".{file.name}.{os.getpid()}.part")
+    part.write_text(json.dumps(content), encoding="utf-8")
+    os.replace(part, file)
+
+
+def _table(file: Path, rows: list[Measured]) -> None:
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    part = file.with_name(f".{file.name}.part")
+    with open(part, "w", newline="", encoding="utf-8") as text:
+        writer = csv.DictWriter(text, columns, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(part, file)

@@ -1,0 +1,45 @@
+//! numpy arrays in and out, with one copy each way.
+
+use crate::errors::wrong;
+use glam::DVec3;
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+/// Points as an (n, 3) array.
+pub fn from_points<'py>(py: Python<'py>, points: &[DVec3]) -> Bound<'py, PyArray2<f64>> {
+    let flat: Vec<f64> = points.iter().flat_map(|p| p.to_array()).collect();
+    rows(py, flat, 3)
+}
+
+/// Numbers as rows of `width`, which divides how many they are.
+pub fn rows<T: numpy::Element>(
+    py: Python<'_>,
+    flat: Vec<T>,
+    width: usize,
+) -> Bound<'_, PyArray2<T>> {
+    let shape = (flat.len() / width.max(1), width);
+    let array = Array2::from_shape_vec(shape, flat)
+        .unwrap_or_else(|_| Array2::from_shape_fn((0, width), |_| unreachable!()));
+    array.into_pyarray(py)
+}
+
+/// The rows of an (n, 3) array; `what` names it where it is none.
+pub fn to_points(
+    py: Python<'_>,
+    array: &PyReadonlyArray2<'_, f64>,
+    what: &str,
+) -> PyResult<Vec<DVec3>> {
+    let array = array.as_array();
+    match array.ncols() {
+        3 => Ok(array
+            .rows()
+            .into_iter()
+            .map(|p| DVec3::new(p[0], p[1], p[2]))
+            .collect()),
+        columns => Err(wrong(
+            py,
+            format!("{what}: an array of shape (n, 3) is expected, not (n, {columns})"),
+        )),
+    }
+}

@@ -1,0 +1,33 @@
+//! Devices, each made once.
+
+use crate::errors::Raise;
+use palpate::gpu::Gpu;
+use pyo3::prelude::*;
+use std::collections::HashMap;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// The device on the adapter of that name, index or kind; the one that `PALPATE_ADAPTER` names, or
+/// the most capable one, where nothing is said. One that was lost is made anew.
+pub fn device(py: Python<'_>, adapter: Option<String>) -> PyResult<Gpu> {
+    static MADE: OnceLock<Mutex<HashMap<Option<String>, Gpu>>> = OnceLock::new();
+    py.detach(|| {
+        let made = MADE.get_or_init(Mutex::default);
+        let mut made = made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(gpu) = made.get(&adapter).filter(|gpu| gpu.check().is_ok()) {
+            return Ok(gpu.clone());
+        }
+        let gpu = match &adapter {
+            Some(name) => Gpu::with_adapter(Some(name)),
+            None => Gpu::new(),
+        }?;
+        made.insert(adapter, gpu.clone());
+        Ok(gpu)
+    })
+    .or_raise(py)
+}
+
+/// The graphics adapters there are.
+#[pyfunction]
+pub fn adapters(py: Python<'_>) -> Vec<String> {
+    py.detach(Gpu::adapters)
+}

@@ -1,0 +1,40 @@
+//! The native half of the Python package `palpate`, as its module `palpate._palpate`.
+//!
+//! It knows numpy arrays, and scenes as JSON. What Python's users see (names, defaults, other
+//! libraries' types) is `palpate/*.py`; each class there holds one of these.
+
+mod arrays;
+mod devices;
+mod errors;
+mod mesh;
+mod press;
+mod scenes;
+mod stage;
+mod volume;
+mod work;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _palpate(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<mesh::Mesh>()?;
+    module.add_class::<volume::Volume>()?;
+    module.add_class::<stage::Stage>()?;
+    module.add_class::<stage::Grab>()?;
+    module.add_class::<press::Press>()?;
+    module.add_class::<press::PressMap>()?;
+    module.add_function(wrap_pyfunction!(devices::adapters, module)?)?;
+    module.add_function(wrap_pyfunction!(mesh::load_mesh, module)?)?;
+    module.add_function(wrap_pyfunction!(mesh::generators, module)?)?;
+    module.add_function(wrap_pyfunction!(scenes::read_toml, module)?)?;
+    module.add_function(wrap_pyfunction!(scenes::to_toml, module)?)?;
+    module.add_function(wrap_pyfunction!(scenes::read_series, module)?)?;
+    module.add_function(wrap_pyfunction!(scenes::presets, module)?)?;
+    module.add_function(wrap_pyfunction!(work::write_png, module)?)?;
+    module.add_function(wrap_pyfunction!(work::warp, module)?)?;
+    module.add_function(wrap_pyfunction!(work::tune, module)?)?;
+    module.add_function(wrap_pyfunction!(work::study, module)?)?;
+    module.add_function(wrap_pyfunction!(work::studies, module)?)?;
+    Ok(())
+}

@@ -1,0 +1,234 @@
+//! Tetrahedral meshes.
+
+use crate::arrays::{from_points, rows, to_points};
+use crate::errors::{Raise, wrong};
+use crate::scenes;
+use crate::work::Long;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use palpate::mesh::generate::GENERATORS;
+use palpate::mesh::{Field, Location, ScalarType, TetMesh};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A mesh that does not change.
+#[pyclass(frozen, module = "palpate._palpate")]
+pub struct Mesh(pub Arc<TetMesh>);
+
+impl From<TetMesh> for Mesh {
+    fn from(mesh: TetMesh) -> Mesh {
+        Mesh(Arc::new(mesh))
+    }
+}
+
+/// A field as it comes from Python: its name, whether it is in the tets, and its values in rows.
+type FieldGiven<'py> = (String, bool, PyReadonlyArray2<'py, f64>, String);
+
+#[pymethods]
+impl Mesh {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        nodes: PyReadonlyArray2<'_, f64>,
+        tets: PyReadonlyArray2<'_, i64>,
+        fields: Vec<FieldGiven<'_>>,
+        region_names: BTreeMap<i64, String>,
+        length_unit: Option<f64>,
+    ) -> PyResult<Mesh> {
+        let nodes = to_points(py, &nodes, "nodes")?;
+        let tets = tets.as_array();
+        if tets.ncols() != 4 {
+            let columns = tets.ncols();
+            return Err(wrong(
+                py,
+                format!("tets: an array of shape (n, 4) is expected, not (n, {columns})"),
+            ));
+        }
+        let mut indices = Vec::with_capacity(tets.nrows());
+        for (t, row) in tets.rows().into_iter().enumerate() {
+            let mut tet = [0; 4];
+            for (corner, v) in tet.iter_mut().zip(row) {
+                *corner = u32::try_from(*v).map_err(|_| {
+                    wrong(
+                        py,
+                        format!("tet {t} refers to node {v}; nodes are counted from 0"),
+                    )
+                })?;
+            }
+            indices.push(tet);
+        }
+        let fields = fields.into_iter().map(|(name, in_tets, values, kind)| {
+            let values = values.as_array();
+            Field {
+                name,
+                location: match in_tets {
+                    true => Location::Cell,
+                    false => Location::Node,
+                },
+                components: values.ncols(),
+                values: values.iter().copied().collect(),
+                scalar_type: scalar_type(&kind),
+            }
+        });
+        let fields = fields.collect();
+        let mesh = py.detach(|| TetMesh::new(nodes, indices, fields, Vec::new()));
+        let mut mesh = mesh.or_raise(py)?;
+        mesh.region_names = region_names;
+        mesh.length_unit = length_unit;
+        Ok(mesh.into())
+    }
+
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Mesh> {
+        let mesh = py.detach(|| palpate::io::read(&path)).or_raise(py)?;
+        Ok(mesh.into())
+    }
+
+    /// Returns what the format has no place for.
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<Vec<String>> {
+        py.detach(|| palpate::io::write(&path, &self.0))
+            .or_raise(py)
+    }
+
+    fn nodes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        from_points(py, &self.0.nodes)
+    }
+
+    fn tets<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u32>> {
+        rows(py, self.0.tets.iter().flatten().copied().collect(), 4)
+    }
+
+    fn counts(&self) -> (usize, usize) {
+        (self.0.nodes.len(), self.0.tets.len())
+    }
+
+    /// Name, whether in the tets, components and number type of each field.
+    fn fields(&self) -> Vec<(String, bool, usize, &'static str)> {
+        let told = |f: &Field| {
+            let in_tets = f.location == Location::Cell;
+            (
+                f.name.clone(),
+                in_tets,
+                f.components,
+                type_name(f.scalar_type),
+            )
+        };
+        self.0.fields.iter().map(told).collect()
+    }
+
+    fn field<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let field = self.0.fields.get(number);
+        let field = field.ok_or_else(|| wrong(py, format!("there is no field {number}")))?;
+        Ok(PyArray1::from_slice(py, &field.values))
+    }
+
+    fn region_names(&self) -> BTreeMap<i64, String> {
+        self.0.region_names.clone()
+    }
+
+    fn length_unit(&self) -> Option<f64> {
+        self.0.length_unit
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.0.repairs.warnings.clone()
+    }
+
+    fn volume(&self, py: Python<'_>) -> f64 {
+        py.detach(|| self.0.volume())
+    }
+
+    fn bounds(&self) -> ([f64; 3], [f64; 3]) {
+        let (low, high) = self.0.bounds();
+        (low.to_array(), high.to_array())
+    }
+
+    /// The same with its nodes elsewhere.
+    fn moved(&self, py: Python<'_>, nodes: PyReadonlyArray2<'_, f64>) -> PyResult<Mesh> {
+        let nodes = to_points(py, &nodes, "nodes")?;
+        if nodes.len() != self.0.nodes.len() {
+            return Err(wrong(
+                py,
+                format!(
+                    "{} positions were given, but the mesh has {} nodes",
+                    nodes.len(),
+                    self.0.nodes.len()
+                ),
+            ));
+        }
+        let mut mesh = TetMesh::clone(&self.0);
+        mesh.nodes = nodes;
+        Ok(mesh.into())
+    }
+
+    /// As a file in memory, which pickles are made of.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = py.detach(|| -> palpate::Result<Vec<u8>> {
+            let folder = tempfile::tempdir().map_err(palpate::Error::io("temporary folder"))?;
+            let file = folder.path().join("mesh.vtu");
+            palpate::io::write(&file, &self.0)?;
+            std::fs::read(&file).map_err(palpate::Error::io(&file))
+        });
+        Ok(PyBytes::new(py, &bytes.or_raise(py)?))
+    }
+
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Mesh> {
+        let mesh = palpate::io::parse("mesh.vtu", bytes).or_raise(py)?;
+        Ok(mesh.into())
+    }
+}
+
+/// The mesh that the entries of `[mesh]` name: a file, a generator, or a volume or surface that is
+/// meshed.
+#[pyfunction]
+pub fn load_mesh(
+    py: Python<'_>,
+    entries: &str,
+    folder: PathBuf,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Mesh> {
+    let scene = scenes::scene(entries, &folder).or_raise(py)?;
+    let mesh = Long::new(progress).run(py, |told| scene.mesh.load_telling(told))?;
+    Ok(mesh.into())
+}
+
+/// The meshes that can be generated.
+#[pyfunction]
+pub fn generators() -> Vec<&'static str> {
+    GENERATORS.iter().map(|(name, _)| *name).collect()
+}
+
+/// The number type of numpy's name.
+fn scalar_type(name: &str) -> ScalarType {
+    match name {
+        "int8" => ScalarType::I8,
+        "uint8" => ScalarType::U8,
+        "int16" => ScalarType::I16,
+        "uint16" => ScalarType::U16,
+        "int32" => ScalarType::I32,
+        "uint32" => ScalarType::U32,
+        "int64" => ScalarType::I64,
+        "uint64" => ScalarType::U64,
+        "float32" => ScalarType::F32,
+        _ => ScalarType::F64,
+    }
+}
+
+/// numpy's name of a number type.
+fn type_name(kind: ScalarType) -> &'static str {
+    match kind {
+        ScalarType::I8 => "int8",
+        ScalarType::U8 => "uint8",
+        ScalarType::I16 => "int16",
+        ScalarType::U16 => "uint16",
+        ScalarType::I32 => "int32",
+        ScalarType::U32 => "uint32",
+        ScalarType::I64 => "int64",
+        ScalarType::U64 => "uint64",
+        ScalarType::F32 => "float32",
+        ScalarType::F64 => "float64",
+    }
+}

@@ -1,0 +1,242 @@
+//! Presses: a fingertip that goes in and lets go, and maps of them.
+
+use crate::arrays::from_points;
+use crate::devices::device;
+use crate::errors::{Raise, wrong};
+use crate::mesh::Mesh;
+use crate::scenes;
+use crate::work::Long;
+use glam::{DVec2, DVec3};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
+use palpate::Error;
+use palpate::gpu::Gpu;
+use palpate::press::{MapPoint, MapWanted, Pressed, Wanted};
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// A press, step by step.
+#[pyclass(frozen, module = "palpate._palpate")]
+pub struct Press(Mutex<palpate::press::Press>);
+
+impl Press {
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut palpate::press::Press) -> palpate::Result<T> + Send,
+    ) -> PyResult<T> {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        py.detach(|| work(&mut lock())).or_raise(py)
+    }
+}
+
+#[pymethods]
+impl Press {
+    #[new]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        py: Python<'_>,
+        entries: &str,
+        folder: PathBuf,
+        at: Option<[f64; 3]>,
+        pick: Option<[f64; 2]>,
+        radius: Option<f64>,
+        depth: Option<f64>,
+        force: Option<f64>,
+        adapter: Option<String>,
+    ) -> PyResult<Press> {
+        let gpu = device(py, adapter)?;
+        let wanted = Wanted {
+            at: at.map(DVec3::from),
+            pick: pick.map(DVec2::from),
+            radius,
+            depth,
+            force,
+        };
+        let press = py.detach(|| {
+            let scene = scenes::scene(entries, &folder)?;
+            palpate::press::Press::new(&gpu, &scene, &wanted)
+        });
+        Ok(Press(Mutex::new(press.or_raise(py)?)))
+    }
+
+    fn notes(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |press| Ok(press.notes().to_vec()))
+    }
+
+    /// Where it presses, which way is out of the body there, how thick that is, and the radius.
+    fn spot(&self, py: Python<'_>) -> PyResult<([f64; 3], [f64; 3], f64, f64)> {
+        self.with(py, |press| {
+            let spot = press.spot();
+            let (point, out) = (spot.point.to_array(), spot.out.to_array());
+            Ok((point, out, spot.thickness, press.radius()))
+        })
+    }
+
+    fn steps(&self, py: Python<'_>) -> PyResult<u32> {
+        self.with(py, |press| Ok(press.steps()))
+    }
+
+    /// Opens pictures along the press from now on.
+    fn cut_through(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |press| press.cut_through())
+    }
+
+    /// One step: time, phase, depth and force; none at the end.
+    fn advance(&self, py: Python<'_>) -> PyResult<Option<(f64, &'static str, f64, f64)>> {
+        self.with(py, |press| {
+            let sample = press.advance()?;
+            Ok(sample.map(|s| (s.time_s, s.phase, s.depth_m, s.force_n)))
+        })
+    }
+
+    fn is_deepest(&self, py: Python<'_>) -> PyResult<bool> {
+        self.with(py, |press| Ok(press.is_deepest()))
+    }
+
+    fn falls_short(&self, py: Python<'_>) -> PyResult<bool> {
+        self.with(py, |press| Ok(press.falls_short()))
+    }
+
+    fn report(&self, py: Python<'_>, seconds: f64) -> PyResult<String> {
+        let report = self.with(py, |press| Ok(press.report(seconds)))?;
+        serde_json::to_string(&report).map_err(|e| wrong(py, e.to_string()))
+    }
+
+    fn rgba<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u8>>, [u32; 2])> {
+        let (bytes, size) = self.with(py, |press| {
+            Ok((press.stage().rgba()?, press.stage().size()))
+        })?;
+        Ok((bytes.into_pyarray(py), size))
+    }
+
+    fn mesh(&self, py: Python<'_>) -> PyResult<Mesh> {
+        self.with(py, |press| Ok(press.stage().deformed_mesh()?.into()))
+    }
+}
+
+/// A map of presses.
+#[pyclass(frozen, module = "palpate._palpate")]
+pub struct PressMap {
+    map: Mutex<palpate::press::PressMap>,
+    /// What was found so far, to be looked at while it is measured.
+    found: Mutex<Vec<Option<f64>>>,
+    gpu: Gpu,
+}
+
+/// Stiffness of each point, N/m: none where it was not pressed yet, NaN where a step failed.
+fn found(map: &palpate::press::PressMap) -> Vec<Option<f64>> {
+    let of = |p: &MapPoint| p.pressed.map(|_| p.stiffness().unwrap_or(f64::NAN));
+    map.points().iter().map(of).collect()
+}
+
+impl PressMap {
+    fn found_so_far(&self) -> MutexGuard<'_, Vec<Option<f64>>> {
+        self.found.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut palpate::press::PressMap) -> palpate::Result<T> + Send,
+    ) -> PyResult<T> {
+        let lock = || self.map.lock().unwrap_or_else(PoisonError::into_inner);
+        py.detach(|| work(&mut lock())).or_raise(py)
+    }
+}
+
+#[pymethods]
+impl PressMap {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        entries: &str,
+        folder: PathBuf,
+        points: [u32; 2],
+        radius: Option<f64>,
+        depth: Option<f64>,
+        adapter: Option<String>,
+    ) -> PyResult<PressMap> {
+        let gpu = device(py, adapter)?;
+        let wanted = MapWanted {
+            points,
+            radius,
+            depth,
+        };
+        let map = py.detach(|| {
+            let scene = scenes::scene(entries, &folder)?;
+            palpate::press::PressMap::new(&scene, &wanted)
+        });
+        let map = map.or_raise(py)?;
+        Ok(PressMap {
+            found: Mutex::new(found(&map)),
+            map: Mutex::new(map),
+            gpu,
+        })
+    }
+
+    fn notes(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |map| Ok(map.notes().to_vec()))
+    }
+
+    /// What tells maps of other bodies, scenes and ways of pressing.
+    fn mark(&self, py: Python<'_>) -> PyResult<String> {
+        self.with(py, |map| Ok(format!("{:016x}", map.mark())))
+    }
+
+    fn places<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let places: Vec<DVec3> =
+            self.with(py, |map| Ok(map.points().iter().map(|p| p.point).collect()))?;
+        Ok(from_points(py, &places))
+    }
+
+    /// Stiffness of each point, N/m: none where it was not pressed yet, NaN where a step failed.
+    fn found(&self) -> Vec<Option<f64>> {
+        self.found_so_far().clone()
+    }
+
+    /// Takes over what was found before.
+    fn take_over(&self, py: Python<'_>, found: Vec<Option<f64>>) -> PyResult<()> {
+        let found: Vec<Option<Pressed>> = found
+            .into_iter()
+            .map(|stiffness| {
+                stiffness.map(|k| match k.is_nan() {
+                    true => Pressed::Failed,
+                    false => Pressed::Stiffness(k),
+                })
+            })
+            .collect();
+        self.with(py, |map| {
+            map.take_over(&found)?;
+            *self.found_so_far() = self::found(map);
+            Ok(())
+        })
+    }
+
+    /// Presses the points that are left.
+    fn measure(&self, py: Python<'_>, progress: Option<Py<PyAny>>) -> PyResult<()> {
+        let long = Long::new(progress);
+        let measured = self.with(py, |map| {
+            map.measure(&self.gpu, &mut |map| {
+                let found = self::found(map);
+                let done = found.iter().flatten().count() as f64 / found.len() as f64;
+                *self.found_so_far() = found;
+                match long.goes_on("pressing", done) {
+                    true => Ok(()),
+                    false => Err(Error::Input("ended".into())),
+                }
+            })
+        });
+        match long.ended() {
+            Some(why) => Err(why),
+            None => measured,
+        }
+    }
+
+    fn rgba<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u8>>, [u32; 2])> {
+        let image = self.with(py, |map| map.image(&self.gpu))?;
+        let size = image.size;
+        let bytes = image.rgba8(palpate::render::Background::Black);
+        Ok((bytes.into_pyarray(py), size))
+    }
+}

@@ -1,0 +1,373 @@
+//! A scene ready to be moved and drawn.
+
+use crate::arrays::{from_points, to_points};
+use crate::devices::device;
+use crate::errors::{Raise, wrong};
+use crate::mesh::Mesh;
+use crate::scenes;
+use crate::work::Long;
+use glam::{DVec2, DVec3};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
+use palpate::annotate::FrameTime;
+use palpate::mesh::Blade;
+use palpate::physics::{BodyField, GrabId, Grip, Simulator};
+use palpate::render::{Camera, Projection};
+use palpate::scene::Motion;
+use palpate::{Error, Result};
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Steps are done in groups that take about so long, between which Python is heard.
+const GROUP: Duration = Duration::from_millis(50);
+/// Most steps in a group.
+const MOST: u32 = 64;
+
+/// Eye, what it looks at, which way is up, and either the opening angle or the height of the view.
+type View = ([f64; 3], [f64; 3], [f64; 3], Option<f64>, Option<f64>);
+
+/// Node, tet, face, place and distance of a pick.
+type Picked = (u32, u32, u32, [f64; 3], f64);
+/// Name, force and moment of a reaction.
+type Exerted = (String, [f64; 3], [f64; 3]);
+
+/// A scene ready to be moved and drawn, by one thread at a time.
+#[pyclass(frozen, module = "palpate._palpate")]
+pub struct Stage(Mutex<palpate::scene::Stage>);
+
+impl Stage {
+    /// Does `work` on it, while other threads of Python go on.
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut palpate::scene::Stage) -> Result<T> + Send,
+    ) -> PyResult<T> {
+        py.detach(|| work(&mut self.lock())).or_raise(py)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, palpate::scene::Stage> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What was taken hold of.
+#[pyclass(frozen, module = "palpate._palpate")]
+pub struct Grab(GrabId);
+
+fn motion(stage: &mut palpate::scene::Stage) -> Result<&mut Motion> {
+    stage.motion_mut().ok_or_else(|| {
+        Error::Input("nothing moves in this scene: name a solver, solver=\"implicit\"".into())
+    })
+}
+
+fn simulator(stage: &mut palpate::scene::Stage) -> Result<&mut dyn Simulator> {
+    Ok(motion(stage)?.simulator.as_mut())
+}
+
+#[pymethods]
+impl Stage {
+    /// Of the scene of these entries; with a mesh in place of the scene's own.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        entries: &str,
+        folder: PathBuf,
+        mesh: Option<&Mesh>,
+        adapter: Option<String>,
+    ) -> PyResult<Stage> {
+        let gpu = device(py, adapter)?;
+        let stage = py.detach(|| {
+            let scene = scenes::scene_to_draw(entries, &folder)?;
+            match mesh {
+                Some(mesh) => palpate::scene::Stage::with_mesh(&gpu, &scene, (*mesh.0).clone()),
+                None => palpate::scene::Stage::new(&gpu, &scene),
+            }
+        });
+        Ok(Stage(Mutex::new(stage.or_raise(py)?)))
+    }
+
+    fn notes(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |stage| Ok(stage.notes().to_vec()))
+    }
+
+    fn mesh(&self, py: Python<'_>) -> PyResult<Mesh> {
+        self.with(py, |stage| Ok(stage.mesh().clone().into()))
+    }
+
+    fn deformed_mesh(&self, py: Python<'_>) -> PyResult<Mesh> {
+        self.with(py, |stage| Ok(stage.deformed_mesh()?.into()))
+    }
+
+    /// Name and range of what pictures show.
+    fn shown(&self, py: Python<'_>) -> PyResult<(String, (f64, f64))> {
+        self.with(py, |stage| {
+            let field = stage.scalar_field();
+            Ok((field.name.clone(), field.range))
+        })
+    }
+
+    fn steps(&self, py: Python<'_>) -> PyResult<u32> {
+        self.with(py, |stage| Ok(stage.steps()))
+    }
+
+    /// Simulated time and the step, s; none where nothing moves.
+    fn time(&self, py: Python<'_>) -> PyResult<(f64, Option<f64>)> {
+        self.with(py, |stage| {
+            let dt = stage.motion().map(|motion| motion.dt);
+            Ok((stage.time(), dt))
+        })
+    }
+
+    /// What computes the steps, and by which scheme.
+    fn engine(&self, py: Python<'_>) -> PyResult<(String, String)> {
+        self.with(py, |stage| {
+            let motion = motion(stage)?;
+            Ok((motion.engine().to_string(), motion.kind().to_string()))
+        })
+    }
+
+    /// Does `steps` steps; how many it did until Python wanted it to end.
+    fn run(&self, py: Python<'_>, steps: u32, progress: Option<Py<PyAny>>) -> PyResult<()> {
+        let long = Long::new(progress);
+        let (mut done, mut group) = (0, 1);
+        while done < steps {
+            let some = group.min(steps - done);
+            let start = Instant::now();
+            self.with(py, |stage| stage.run(some, &mut |_| {}))?;
+            done += some;
+            group = match start.elapsed() < GROUP {
+                true => (2 * group).min(MOST),
+                false => (group / 2).max(1),
+            };
+            // The body is not held meanwhile: what is told may look at it.
+            if !long.goes_on("steps", f64::from(done) / f64::from(steps)) {
+                return long.ended().map_or(Ok(()), Err);
+            }
+        }
+        Ok(())
+    }
+
+    /// Frames the body, unless the scene has a view, with all of `also` in the picture.
+    fn frame(&self, py: Python<'_>, also: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        let also = to_points(py, &also, "also")?;
+        self.with(py, |stage| stage.frame(&also))
+    }
+
+    /// Has pictures tell the time of a recorded frame, s.
+    fn tell_time(&self, py: Python<'_>, seconds: f64, resolution: f64) -> PyResult<()> {
+        self.with(py, |stage| {
+            stage.tell_time(FrameTime {
+                seconds,
+                resolution,
+            });
+            Ok(())
+        })
+    }
+
+    fn camera(&self, py: Python<'_>) -> PyResult<View> {
+        self.with(py, |stage| {
+            let camera = *stage.camera_mut();
+            let [fov, height] = match camera.projection {
+                Projection::Perspective { fov } => [Some(fov), None],
+                Projection::Orthographic { height } => [None, Some(height)],
+            };
+            let places = [camera.eye, camera.look_at, camera.up].map(|p| p.to_array());
+            Ok((places[0], places[1], places[2], fov, height))
+        })
+    }
+
+    fn set_camera(&self, py: Python<'_>, view: View) -> PyResult<()> {
+        let (eye, look_at, up, fov, height) = view;
+        let [eye, look_at, up] = [eye, look_at, up].map(DVec3::from);
+        let camera = match (fov, height) {
+            (Some(fov), None) => Camera::perspective(eye, look_at, up, fov),
+            (None, Some(height)) => Camera::orthographic(eye, look_at, up, height),
+            _ => return Err(wrong(py, "a camera has either fov or orthographic")),
+        };
+        camera.check().or_raise(py)?;
+        self.with(py, |stage| {
+            *stage.camera_mut() = camera;
+            Ok(())
+        })
+    }
+
+    fn size(&self, py: Python<'_>) -> PyResult<[u32; 2]> {
+        self.with(py, |stage| Ok(stage.size()))
+    }
+
+    fn set_size(&self, py: Python<'_>, size: [u32; 2]) -> PyResult<()> {
+        if size.contains(&0) || size.iter().any(|n| *n > 16_384) {
+            return Err(wrong(
+                py,
+                format!(
+                    "a picture of {} by {} pixels cannot be drawn; ask for 1 to 16384 each way",
+                    size[0], size[1]
+                ),
+            ));
+        }
+        self.with(py, |stage| {
+            stage.set_size(size);
+            Ok(())
+        })
+    }
+
+    fn set_looks(&self, py: Python<'_>, entries: &str, folder: PathBuf) -> PyResult<Vec<String>> {
+        self.with(py, |stage| {
+            stage.set_looks(&scenes::scene_to_draw(entries, &folder)?)
+        })
+    }
+
+    /// The picture as a PNG has it, red, green, blue and opacity a pixel.
+    fn rgba<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        let bytes = self.with(py, |stage| stage.rgba())?;
+        Ok(bytes.into_pyarray(py))
+    }
+
+    /// The picture as an EXR has it, and its channels.
+    fn raw<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f32>>, usize)> {
+        let image = self.with(py, |stage| stage.image())?;
+        Ok((image.values.into_pyarray(py), image.channels))
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.with(py, |stage| stage.save(&path))
+    }
+
+    fn pose(&self, py: Python<'_>, positions: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        let positions = to_points(py, &positions, "positions")?;
+        self.with(py, |stage| stage.pose(&positions))
+    }
+
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points = self.with(py, |stage| match stage.motion() {
+            Some(motion) => motion.positions(),
+            None => stage.drawn_positions(),
+        })?;
+        Ok(from_points(py, &points))
+    }
+
+    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points = self.with(py, |stage| simulator(stage)?.velocities())?;
+        Ok(from_points(py, &points))
+    }
+
+    fn set_velocities(
+        &self,
+        py: Python<'_>,
+        velocities: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<()> {
+        let velocities = to_points(py, &velocities, "velocities")?;
+        self.with(py, |stage| simulator(stage)?.set_velocities(&velocities))
+    }
+
+    fn forces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points = self.with(py, |stage| simulator(stage)?.forces())?;
+        Ok(from_points(py, &points))
+    }
+
+    fn set_forces(&self, py: Python<'_>, forces: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        let forces = to_points(py, &forces, "forces")?;
+        self.with(py, |stage| simulator(stage)?.set_forces(&forces))
+    }
+
+    fn masses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let masses = self.with(py, |stage| Ok(simulator(stage)?.masses().to_vec()))?;
+        Ok(masses.into_pyarray(py))
+    }
+
+    fn set_gravity(&self, py: Python<'_>, gravity: [f64; 3]) -> PyResult<()> {
+        self.with(py, |stage| {
+            simulator(stage)?.loads_mut().set_gravity(gravity.into());
+            Ok(())
+        })
+    }
+
+    fn restart(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |stage| simulator(stage)?.restart())
+    }
+
+    fn pin(&self, py: Python<'_>, nodes: Vec<u32>) -> PyResult<()> {
+        self.with(py, |stage| simulator(stage)?.pin_nodes(&nodes))
+    }
+
+    /// A field computed of the body where it is, in the tets or at the nodes.
+    fn field<'py>(
+        &self,
+        py: Python<'py>,
+        name: &str,
+        at_nodes: bool,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let Some(field) = BodyField::ALL.into_iter().find(|f| f.name() == name) else {
+            let names = BodyField::ALL.map(BodyField::name).join(", ");
+            return Err(wrong(
+                py,
+                format!("no field \"{name}\" is computed of a body; there are {names}"),
+            ));
+        };
+        let values = self.with(py, |stage| {
+            let body = simulator(stage)?;
+            field.check(body)?;
+            match at_nodes {
+                true => field.at_nodes(body),
+                false => field.in_tets(body),
+            }
+        })?;
+        Ok(values.into_pyarray(py))
+    }
+
+    /// Takes hold of the nodes around a place; with a spring and its largest force they are pulled.
+    fn grab(
+        &self,
+        py: Python<'_>,
+        centre: [f64; 3],
+        radius: f64,
+        spring: Option<(f64, f64)>,
+    ) -> PyResult<Grab> {
+        let grip = match spring {
+            None => Grip::Follow,
+            Some((stiffness, limit)) => Grip::Spring { stiffness, limit },
+        };
+        self.with(py, |stage| {
+            let id = simulator(stage)?.grab(centre.into(), radius, grip)?;
+            Ok(Grab(id))
+        })
+    }
+
+    fn set_target(&self, py: Python<'_>, grab: &Grab, target: [f64; 3]) -> PyResult<()> {
+        self.with(py, |stage| {
+            simulator(stage)?.set_target(grab.0, target.into())
+        })
+    }
+
+    fn release(&self, py: Python<'_>, grab: &Grab) -> PyResult<usize> {
+        self.with(py, |stage| simulator(stage)?.release(grab.0))
+    }
+
+    /// Cuts along what a straight edge sweeps; whether anything was cut.
+    fn cut(&self, py: Python<'_>, edges: Vec<[[f64; 3]; 2]>) -> PyResult<bool> {
+        let edges: Vec<[DVec3; 2]> = edges.iter().map(|e| e.map(DVec3::from)).collect();
+        self.with(py, |stage| stage.cut(&Blade::swept(&edges)?))
+    }
+
+    /// What a pixel shows of the boundary: node, tet, face, place and distance.
+    fn pick(&self, py: Python<'_>, x: f64, y: f64) -> PyResult<Option<Picked>> {
+        let pick = self.with(py, |stage| stage.pick(DVec2::new(x, y)))?;
+        Ok(pick.map(|p| (p.node, p.tet, p.face, p.point.to_array(), p.distance)))
+    }
+
+    /// Energies and shape, as JSON.
+    fn report(&self, py: Python<'_>) -> PyResult<String> {
+        let report = self.with(py, |stage| motion(stage)?.report())?;
+        serde_json::to_string(&report).map_err(|e| wrong(py, e.to_string()))
+    }
+
+    /// What it exerts on its pins, moves, grabs and tools: name, force and moment.
+    fn reactions(&self, py: Python<'_>) -> PyResult<Vec<Exerted>> {
+        let all = self.with(py, |stage| stage.reactions())?;
+        let told = |(name, on): (String, palpate::physics::Reaction)| {
+            (name, on.force.to_array(), on.moment.to_array())
+        };
+        Ok(all.into_iter().map(told).collect())
+    }
+}

@@ -1,0 +1,113 @@
+//! Volumes: images on regular grids.
+
+use crate::arrays::to_points;
+use crate::errors::{Raise, wrong};
+use glam::{DAffine3, DMat3};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2};
+use palpate::volume::Raw;
+use pyo3::prelude::*;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A volume that does not change.
+#[pyclass(frozen, module = "palpate._palpate")]
+pub struct Volume(pub Arc<palpate::volume::Volume>);
+
+/// Numbers of any type in and out.
+macro_rules! kinds {
+    ($($kind:ident $type:ty),*) => {
+        fn to_raw(values: &Bound<'_, PyAny>) -> Option<Raw> {
+            $(if let Ok(array) = values.cast::<PyArray1<$type>>() {
+                return array.to_vec().ok().map(Raw::$kind);
+            })*
+            None
+        }
+
+        fn from_raw<'py>(py: Python<'py>, raw: &Raw) -> Bound<'py, PyAny> {
+            match raw {
+                $(Raw::$kind(values) => PyArray1::from_slice(py, values).into_any()),*
+            }
+        }
+    };
+}
+kinds!(I8 i8, U8 u8, I16 i16, U16 u16, I32 i32, U32 u32, I64 i64, U64 u64, F32 f32, F64 f64);
+
+#[pymethods]
+impl Volume {
+    /// Of values with the first axis running fastest; `to_world` is the upper three rows of the
+    /// affine, transposed: what one voxel along each axis is, and where the first one lies.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        values: &Bound<'_, PyAny>,
+        size: [usize; 3],
+        to_world: PyReadonlyArray2<'_, f64>,
+        names: BTreeMap<i64, String>,
+    ) -> PyResult<Volume> {
+        let raw = to_raw(values).ok_or_else(|| {
+            wrong(
+                py,
+                "voxels of whole numbers of 8 to 64 bits, float32 or float64 are expected",
+            )
+        })?;
+        let world = to_points(py, &to_world, "affine")?;
+        let [i, j, k, origin] = world[..] else {
+            return Err(wrong(py, "affine: an array of shape (4, 4) is expected"));
+        };
+        let to_world = DAffine3::from_mat3_translation(DMat3::from_cols(i, j, k), origin);
+        let sound = to_world.is_finite() && to_world.matrix3.determinant() != 0.0;
+        if !sound || size.contains(&0) {
+            return Err(wrong(
+                py,
+                "a volume needs voxels along each of three axes and an affine that can be inverted",
+            ));
+        }
+        if raw.len() != size.iter().product::<usize>() {
+            return Err(wrong(py, format!("{} voxels are not {size:?}", raw.len())));
+        }
+        Ok(Volume(Arc::new(palpate::volume::Volume {
+            size,
+            raw,
+            slope: 1.0,
+            intercept: 0.0,
+            to_world,
+            names,
+        })))
+    }
+
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Volume> {
+        let volume = py.detach(|| palpate::io::read_volume(&path)).or_raise(py)?;
+        Ok(Volume(Arc::new(volume)))
+    }
+
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| palpate::io::write_volume(&path, &self.0))
+            .or_raise(py)
+    }
+
+    /// Stored numbers, the first axis running fastest.
+    fn raw<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        from_raw(py, &self.0.raw)
+    }
+
+    fn size(&self) -> [usize; 3] {
+        self.0.size
+    }
+
+    fn slope_and_intercept(&self) -> (f64, f64) {
+        (self.0.slope, self.0.intercept)
+    }
+
+    fn affine(&self) -> [[f64; 4]; 4] {
+        let m = self.0.to_world.matrix3.transpose().to_cols_array_2d();
+        let t = self.0.to_world.translation;
+        let row = |n: usize, t: f64| [m[n][0], m[n][1], m[n][2], t];
+        [row(0, t.x), row(1, t.y), row(2, t.z), [0.0, 0.0, 0.0, 1.0]]
+    }
+
+    fn names(&self) -> BTreeMap<i64, String> {
+        self.0.names.clone()
+    }
+}

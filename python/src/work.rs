@@ -1,0 +1,236 @@
+//! What takes a while: it lets other threads of Python go on, tells how far it is, and ends with
+//! Ctrl-C.
+
+use crate::arrays::to_points;
+use crate::devices::device;
+use crate::errors::{Raise, raised, wrong};
+use crate::mesh::Mesh;
+use crate::volume::Volume;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use numpy::{PyReadonlyArray2, PyReadonlyArray3};
+use palpate::mesh::TetMesh;
+use palpate::scene::Scene;
+use palpate::study::{Run, STUDIES};
+use palpate::tune::Wanted;
+use palpate::warp::{Warp, WarpOptions};
+use pyo3::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time between two looks at Python.
+const INTERVAL: Duration = Duration::from_millis(50);
+/// Metres in the unit of scans.
+const MILLIMETRE: f64 = 1e-3;
+
+/// Long work, and who is told how far it is.
+pub struct Long {
+    progress: Option<Py<PyAny>>,
+    looked: Mutex<Instant>,
+    /// Why it is to end: Ctrl-C, or what `progress` raised.
+    ended: Mutex<Option<PyErr>>,
+}
+
+/// What unwinds work that is to end.
+struct Ended;
+
+impl Long {
+    pub fn new(progress: Option<Py<PyAny>>) -> Long {
+        Long {
+            progress,
+            looked: Mutex::new(Instant::now()),
+            ended: Mutex::new(None),
+        }
+    }
+
+    /// Looks whether Python wants it to end, and tells it what is done of what; whether to go on.
+    pub fn goes_on(&self, what: &str, done: f64) -> bool {
+        let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+        if looked.elapsed() < INTERVAL && done < 1.0 {
+            return true;
+        }
+        *looked = Instant::now();
+        drop(looked);
+        let told = Python::attach(|py| {
+            py.check_signals()?;
+            match &self.progress {
+                Some(progress) => progress.call1(py, (what, done)).map(|_| ()),
+                None => Ok(()),
+            }
+        });
+        match told {
+            Ok(()) => true,
+            Err(why) => {
+                let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
+                ended.get_or_insert(why);
+                false
+            }
+        }
+    }
+
+    /// Why it ended, if Python wanted it to.
+    pub fn ended(&self) -> Option<PyErr> {
+        let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
+        ended.take()
+    }
+
+    /// Does `work` without holding Python up. What it tells ends it where Python wants that.
+    pub fn run<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&(dyn Fn(&str, f64) + Sync)) -> palpate::Result<T> + Send,
+    ) -> PyResult<T> {
+        let tell = |what: &str, done: f64| {
+            if !self.goes_on(what, done) {
+                // The library's stages return nothing by which they could be told to end.
+                resume_unwind(Box::new(Ended));
+            }
+        };
+        let done = py.detach(|| catch_unwind(AssertUnwindSafe(|| work(&tell))));
+        match (done, self.ended()) {
+            (_, Some(why)) => Err(why),
+            (Ok(result), None) => result.or_raise(py),
+            (Err(panic), None) => resume_unwind(panic),
+        }
+    }
+}
+
+/// Writes red, green, blue and opacity a pixel, row by row from the top, as a PNG.
+#[pyfunction]
+pub fn write_png(py: Python<'_>, path: PathBuf, pixels: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
+    let pixels = pixels.as_array();
+    let (height, width, channels) = pixels.dim();
+    let sides = [width, height].map(u32::try_from);
+    let ([Ok(width), Ok(height)], 4) = (sides, channels) else {
+        return Err(wrong(
+            py,
+            format!(
+                "a picture has the shape (height, width, 4), not {:?}",
+                pixels.shape()
+            ),
+        ));
+    };
+    let bytes: Vec<u8> = pixels.iter().copied().collect();
+    let written = palpate::io::atomic_write(&path, |file| {
+        let encoder = PngEncoder::new(file);
+        let done = encoder.write_image(&bytes, width, height, ExtendedColorType::Rgba8);
+        done.map_err(|e| palpate::Error::format(&path, format!("cannot be encoded: {e}")))
+    });
+    written.or_raise(py)
+}
+
+/// The scan in the bent body, and how its voxels lie there: all, and those that no tet holds.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub fn warp(
+    py: Python<'_>,
+    scan: &Volume,
+    rest: &Mesh,
+    bent: PyReadonlyArray2<'_, f64>,
+    labels: bool,
+    background: Option<f64>,
+    like: Option<&Volume>,
+) -> PyResult<(Volume, usize, usize)> {
+    let mut bent = to_points(py, &bent, "bent")?;
+    let mut mesh = TetMesh::clone(&rest.0);
+    let scale = mesh.length_unit.map_or(1.0, |metres| metres / MILLIMETRE);
+    for p in mesh.nodes.iter_mut().chain(&mut bent) {
+        *p *= scale;
+    }
+    let options = WarpOptions { labels, background };
+    let image = py.detach(|| {
+        let grid = like.unwrap_or(scan).0.grid();
+        Warp::new(&mesh, &bent)?.image(&scan.0, &grid, &options)
+    });
+    let image = image.or_raise(py)?;
+    let coverage = image.coverage;
+    let volume = Volume(image.volume.into());
+    Ok((volume, coverage.voxels, coverage.uncovered))
+}
+
+/// Tunes a scene file and writes what was chosen; whether that meets what is wanted, what was chosen
+/// in words, and milliseconds for a second of motion and for a picture.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub fn tune(
+    py: Python<'_>,
+    scene: PathBuf,
+    out: PathBuf,
+    error: f64,
+    fps: Option<f64>,
+    seconds: f64,
+    adapter: Option<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(bool, Vec<String>, [f64; 2])> {
+    let gpu = device(py, adapter)?;
+    let wanted = Wanted {
+        error,
+        fps,
+        seconds,
+    };
+    let tuned = Long::new(progress).run(py, |told| {
+        let tuned = palpate::tune::tune(&gpu, &Scene::read(&scene)?, &wanted, told)?;
+        tuned.write(&scene, &out)?;
+        Ok(tuned)
+    })?;
+    Ok((tuned.met, tuned.notes, tuned.cost))
+}
+
+/// Runs a study, and returns what it noted. What was measured before it ended is kept.
+#[pyfunction]
+pub fn study(
+    py: Python<'_>,
+    what: &str,
+    scene: Option<PathBuf>,
+    out: PathBuf,
+    quick: bool,
+    adapter: Option<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Vec<String>> {
+    let Some((_, _, study)) = STUDIES.iter().find(|(name, ..)| *name == what) else {
+        let names = studies().join(", ");
+        return Err(wrong(
+            py,
+            format!("there is no study \"{what}\"; there are {names}"),
+        ));
+    };
+    let gpu = device(py, adapter)?;
+    std::fs::create_dir_all(&out).map_err(|e| raised(py, palpate::Error::io(&out)(e)))?;
+    let long = Long::new(progress);
+    let stop = AtomicBool::new(false);
+    let notes = Mutex::new(Vec::new());
+    let done = py.detach(|| {
+        let told = |what: &str, done: f64| {
+            if !long.goes_on(what, done) {
+                stop.store(true, Ordering::Relaxed);
+            }
+        };
+        let note = |text: &str| {
+            let mut notes = notes.lock().unwrap_or_else(PoisonError::into_inner);
+            notes.push(text.to_owned());
+        };
+        let run = Run {
+            gpu: &gpu,
+            dir: &out,
+            quick,
+            progress: &told,
+            note: &note,
+            stop: &stop,
+        };
+        study(&run, scene.as_deref())
+    });
+    match long.ended() {
+        Some(why) => Err(why),
+        None => done.or_raise(py),
+    }?;
+    Ok(notes.into_inner().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// The studies there are.
+#[pyfunction]
+pub fn studies() -> Vec<&'static str> {
+    STUDIES.iter().map(|(name, ..)| *name).collect()
+}

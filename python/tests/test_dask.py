@@ -1,0 +1,117 @@
+"""Clusters: four worker processes, one of which is killed in the middle."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+import palpate.dask
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def client():
+    with distributed.LocalCluster(
+        n_workers=4, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster, distributed.Client(cluster) as client:
+        yield client
+
+
+def kill_one(client) -> None:
+    """Kills a worker that is at work."""
+    pid = next(iter(client.run(os.getpid).values()))
+    os.kill(pid, signal.SIGKILL)
+
+
+def test_a_series_is_drawn_as_by_the_command_line(client, tmp_path: Path, run) -> None:
+    run("simulate", "--frames", 12, "--no-pictures", "--out", tmp_path / "run", write_bar(tmp_path))
+    pvd = next((tmp_path / "run").glob("*.pvd"))
+    run("simulate", pvd, "--out", tmp_path / "theirs", "--size", "96x72", "--no-meshes", "--time")
+    came: list[int] = []
+
+    def each(frame: palpate.dask.Frame) -> None:
+        came.append(frame.number)
+        if len(came) == 3:
+            kill_one(client)
+
+    looks = {"size": (96, 72), "time": True}
+    frames = palpate.dask.render_series(pvd, client, tmp_path / "ours", each=each, **looks)
+    assert [f.number for f in frames] == list(range(len(frames))) and sorted(came) == list(range(len(frames)))
+    assert len(frames) >= 12 and all(f.drawn for f in frames)
+    for frame in frames:
+        theirs = tmp_path / "theirs" / frame.path.name
+        assert frame.path.read_bytes() == theirs.read_bytes(), frame.path.name
+    # What is there is not drawn again; what is not, is.
+    frames[5].path.unlink()
+    again = palpate.dask.render_series(pvd, client, tmp_path / "ours", **looks)
+    assert [f.number for f in again if f.drawn] == [5]
+    other = palpate.dask.render_series(pvd, client, tmp_path / "ours", size=(48, 36))
+    assert all(f.drawn for f in other)
+
+
+def write_bar(folder: Path) -> Path:
+    path = folder / "bar.toml"
+    path.write_text(
+        '[mesh]\ngenerate = "bar"\ntets = 300\n[material]\nyoung = 3e4\n'
+        '[solver]\nname = "implicit"\nengine = "cpu"\nsteps = 2\ndt = 0.02\n'
+        '[[pin]]\naxis = "x"\nbelow = 0.02\n'
+    )
+    return path
+
+
+def test_a_sweep_is_what_each_case_is_alone(client, tmp_path: Path, bar: palpate.Body) -> None:
+    scene = bar.scene().with_({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.02}})
+    values = {"material.young": [2e4, 4e4, 8e4], "material.poisson": [0.3, 0.45]}
+    came: list[dict] = []
+
+    def each(case: dict) -> None:
+        came.append(case)
+        if len(came) == 1:
+            kill_one(client)
+
+    rows = palpate.dask.sweep(scene, values, client, steps=20, out=tmp_path / "sweep", each=each)
+    assert len(rows) == len(came) == 6
+    assert [r["material.young"] for r in rows] == [2e4, 2e4, 4e4, 4e4, 8e4, 8e4]
+    for row in rows:
+        alone = palpate.Simulator(scene.with_({k: row[k] for k in values}))
+        alone.advance(20)
+        assert row["max_displacement"] == alone.report()["max_displacement"]
+        assert row["von_mises_max_pa"] == alone.field("von_mises").max()
+    assert rows[0]["max_displacement"] > rows[4]["max_displacement"]
+    lines = (tmp_path / "sweep/sweep.csv").read_text().splitlines()
+    assert len(lines) == 7 and lines[0].startswith("material.young,material.poisson,time_s")
+    # A case that is kept is not run again: its file says what came of it.
+    case = next((tmp_path / "sweep/cases").glob("*.json"))
+    case.write_text(case.read_text().replace('"inverted": 0', '"inverted": 77'))
+    again = palpate.dask.sweep(scene, values, client, steps=20, out=tmp_path / "sweep")
+    assert sum(row["inverted"] == 77 for row in again) == 1
+    with pytest.raises(palpate.InputError, match="list of values"):
+        palpate.dask.sweep(scene, {"material.young": 3e4}, client)
+    with pytest.raises(palpate.InputError, match="unknown field"):
+        palpate.dask.sweep(scene, {"solver.speed": [1]}, client, steps=1)
+
+
+def test_a_map_is_that_of_one_machine(client, tmp_path: Path) -> None:
+    breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
+    here = palpate.press_map(breast, (3, 2))
+    came: list[int] = []
+
+    def each(number: int, stiffness: float) -> None:
+        came.append(number)
+        if len(came) == 2:
+            kill_one(client)
+
+    there = palpate.dask.press_map(breast, (3, 2), client, out=tmp_path / "map", each=each)
+    assert sorted(came) == list(range(len(here.stiffness)))
+    assert np.array_equal(there.points, here.points)
+    assert np.allclose(there.stiffness, here.stiffness, rtol=1e-9)
+    assert np.array_equal(there.picture, here.picture)
+    came.clear()
+    palpate.dask.press_map(breast, (3, 2), client, out=tmp_path / "map", each=each)
+    assert came == []

@@ -1,0 +1,87 @@
+"""Presses, and what is tuned and studied."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+
+
+def test_a_press_is_that_of_the_command_line(tmp_path: Path, run) -> None:
+    ball = palpate.Mesh.generate("ball", tets=1500)
+    ball.write(tmp_path / "ball.vtu")
+    run("press", tmp_path / "ball.vtu", "--out", tmp_path / "out", "--size", "160x120", "--engine", "cpu")
+    with open(tmp_path / "out/press.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    shares: list[float] = []
+    found = palpate.press(ball, size=(160, 120), engine="cpu", progress=lambda _, s: shares.append(s))
+    assert found.failure is None and shares[-1] == 1.0
+    assert np.array_equal(found.depth, [float(r["depth_m"]) for r in rows])
+    assert np.array_equal(found.force, [float(r["force_n"]) for r in rows])
+    assert np.array_equal(found.loading, [r["phase"] == "load" for r in rows])
+    assert found.report["max_force_n"] == found.force.max()
+    assert found.pressed.shape == (120, 160, 4) and not np.array_equal(found.rest, found.pressed)
+    from PIL import Image
+
+    found.save(tmp_path / "ours")
+    for name in ("rest.png", "pressed.png"):
+        ours, theirs = (np.asarray(Image.open(tmp_path / of / name).convert("RGBA")) for of in ("ours", "out"))
+        assert np.array_equal(ours, theirs)
+    assert np.array_equal(found.pressed, np.asarray(Image.open(tmp_path / "ours/pressed.png")))
+    with open(tmp_path / "ours/press.csv", newline="") as file:
+        own = list(csv.DictReader(file))
+    assert [r["phase"] for r in own] == [r["phase"] for r in rows]
+    assert [float(r["force_n"]) for r in own] == [float(r["force_n"]) for r in rows]
+    with pytest.raises(RuntimeError, match="enough"):
+        palpate.press(ball, size=(32, 24), progress=stop)
+    with pytest.raises(palpate.InputError):
+        palpate.press(ball, radius=-1.0)
+
+
+def stop(what: str, share: float) -> None:
+    raise RuntimeError("enough")
+
+
+def test_a_map_goes_on_where_it_ended(tmp_path: Path, run) -> None:
+    breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
+    with pytest.raises(RuntimeError, match="enough"):
+        palpate.press_map(breast, (3, 2), out=tmp_path / "map", progress=stop)
+    begun = (tmp_path / "map/map.json").read_text()
+    assert begun.count("null") < 6, "nothing was kept"
+    whole = palpate.press_map(breast, (3, 2), out=tmp_path / "map")
+    assert whole.points.shape == (len(whole.stiffness), 3) and (whole.stiffness > 0).all()
+    breast.write(tmp_path / "breast.toml")
+    run("press", tmp_path / "breast.toml", "--map", "3x2", "--out", tmp_path / "theirs")
+    rows = np.loadtxt(tmp_path / "theirs/map.csv", delimiter=",", skiprows=1)
+    assert np.allclose(whole.stiffness, rows[:, 3], rtol=1e-9)
+    with pytest.raises(palpate.InputError, match="another body"):
+        palpate.press_map(breast, (2, 2), out=tmp_path / "map")
+
+
+def test_the_demo_leaves_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from palpate import demo
+
+    assert demo.main([str(tmp_path / "demo"), "--tets", "2000"]) == 0
+    assert " N at " in capsys.readouterr().out
+    for name in ("limb", "stress", "rest", "pressed"):
+        assert (tmp_path / f"demo/{name}.png").stat().st_size > 1000
+
+
+def test_tuned_settings_are_a_scene(bar: palpate.Body) -> None:
+    scene = bar.scene().with_({"solver": {"name": "implicit", "dt": 0.01}, "picture.size": [64, 48]})
+    told: list[str] = []
+    tuned = palpate.tune(scene, error=0.05, seconds=0.05, progress=lambda what, _: told.append(what))
+    assert tuned.notes and told and tuned.picture_ms > 0
+    simulator = palpate.Simulator(tuned.scene)
+    simulator.advance(2)
+
+
+def test_studies_are_known_and_end_when_told(tmp_path: Path) -> None:
+    with pytest.raises(palpate.InputError, match="stability"):
+        palpate.study("everything", tmp_path)
+    with pytest.raises(RuntimeError, match="enough"):
+        palpate.study("pictures", tmp_path / "out", quick=True, progress=stop)

@@ -1,0 +1,164 @@
+"""Bodies that move."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+
+
+def test_it_moves_as_by_the_command_line(bar: palpate.Body, tmp_path: Path, run) -> None:
+    scene = bar.scene().with_({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.01, "steps": 15}})
+    scene.write(tmp_path / "bar.toml")
+    run("render", tmp_path / "bar.toml", "--out", tmp_path / "p.png", "--size", "64x48", "--mesh-out", tmp_path / "bent.vtu")
+    theirs = palpate.Mesh.read(tmp_path / "bent.vtu")
+    simulator = palpate.Simulator(scene)
+    simulator.advance(15)
+    assert simulator.engine == "cpu" and np.isclose(simulator.time, 0.15)
+    assert np.array_equal(simulator.positions, theirs.nodes)
+    assert np.array_equal(simulator.velocities, theirs.point_data["velocity"])
+    assert np.array_equal(simulator.deformed.nodes, theirs.nodes)
+
+
+def test_at_rest_the_wall_bears_the_weight(bar: palpate.Body) -> None:
+    simulator = palpate.Simulator(bar, engine="cpu", dt=0.05)
+    simulator.advance(120)
+    weight = simulator.masses.sum() * 9.81
+    wall = simulator.reactions()["wall"]
+    assert np.allclose(wall.force, [0, 0, -weight], atol=0.01 * weight)
+    report = simulator.report()
+    assert report["inverted"] == 0 and report["energy"]["kinetic"] < 1e-3 * report["energy"]["elastic"]
+    stress = simulator.field("von_mises")
+    assert stress.shape == (len(simulator.mesh.tets),) and stress.max() > 3 * np.median(stress) > 0
+    assert simulator.field("J", at_nodes=True).shape == (len(simulator.mesh.nodes),)
+    held = np.abs(simulator.mesh.nodes[:, 0] - simulator.mesh.nodes[:, 0].min()) < 1e-9
+    pulled = simulator.forces()[held].sum(axis=0)
+    assert np.allclose(pulled, [0, 0, -weight], atol=0.05 * weight)
+
+
+def test_state_loads_grabs_and_cuts(bar: palpate.Body) -> None:
+    simulator = palpate.Simulator(bar, engine="cpu", dt=0.01, gravity=(0, 0, 0))
+    rest = simulator.positions
+    simulator.advance(3)
+    assert np.abs(simulator.positions - rest).max() < 1e-6
+    low, high = (np.array(p) for p in simulator.mesh.bounds)
+    size = high - low
+    end = [high[0], *(0.5 * (low + high))[1:]]
+    grab = simulator.grab(end, 0.3 * size[1:].max())
+    grab.move_to(np.array(end) + [0, 0, 0.1 * size[0]])
+    simulator.advance(10)
+    assert (simulator.positions - rest)[:, 2].max() > 0.09 * size[0]
+    assert grab.release() > 0
+    # What is let go of moves freely from the next step on.
+    simulator.advance(1)
+    simulator.restart()
+    assert np.allclose(simulator.positions, rest)
+    velocities = np.zeros_like(rest)
+    velocities[rest[:, 0] > low[0] + 0.1 * size[0], 2] = 0.5
+    simulator.velocities = velocities
+    assert np.allclose(simulator.velocities, velocities, atol=1e-6)
+    raised = rest + 0.02 * velocities
+    simulator.positions = raised
+    assert np.allclose(simulator.positions, raised, atol=1e-6)
+    simulator.restart()
+    middle = 0.5 * (low[0] + high[0])
+    edges = [[[middle, low[1] - 1, low[2] - 1], [middle, high[1] + 1, low[2] - 1]],
+             [[middle, low[1] - 1, high[2] + 1], [middle, high[1] + 1, high[2] + 1]]]
+    assert simulator.cut(edges) and len(simulator.mesh.nodes) > len(rest)
+    assert not simulator.cut([[[9, 9, 9], [9, 9, 10]], [[10, 9, 9], [10, 9, 10]]])
+    with pytest.raises(palpate.InputError, match="positions"):
+        simulator.positions = rest[:3]
+
+
+def test_it_is_drawn_where_it_is(bar: palpate.Body) -> None:
+    simulator = palpate.Simulator(bar, dt=0.02)
+    renderer = palpate.Renderer(simulator, size=(80, 60), field="displacement")
+    before = renderer.render()
+    simulator.advance(10)
+    after = renderer.render()
+    assert before.shape == after.shape == (60, 80, 4) and not np.array_equal(before, after)
+    assert renderer.shown[0] == "displacement"
+
+
+def test_a_failure_keeps_the_last_good_state() -> None:
+    body = palpate.Body(
+        palpate.Mesh.generate("bar", tets=300),
+        material=palpate.Material(stiffness=500.0, model="springs"),
+        pin=[{"axis": "x", "below": 0.02}],
+    )
+    simulator = palpate.Simulator(body, solver="explicit", engine="cpu", dt=0.5, gravity=(0, 0, -9.81))
+    with pytest.raises(palpate.SolverError) as failed:
+        simulator.advance(2000)
+    assert failed.value.step >= 1 and "explicit" in failed.value.solver
+    assert np.isfinite(simulator.positions).all()
+
+
+def test_other_threads_go_on_and_ctrl_c_ends_it(bar: palpate.Body) -> None:
+    simulator = palpate.Simulator(bar.scene().with_({"solver.sleep": False}), engine="cpu", dt=0.01)
+    counted = 0
+    ended = threading.Event()
+
+    def count() -> None:
+        nonlocal counted
+        while not ended.is_set():
+            counted += 1
+            time.sleep(0.001)
+
+    def interrupt() -> None:
+        time.sleep(0.7)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threads = [threading.Thread(target=count), threading.Thread(target=interrupt)]
+    # Shells have what they start in the background ignore Ctrl-C.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        for thread in threads:
+            thread.start()
+        start = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            simulator.advance(10_000_000)
+        took = time.monotonic() - start
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join()
+        signal.signal(signal.SIGINT, before)
+    assert took < 10 and counted > 50
+    # What is done stays done, and it goes on.
+    time_then = simulator.time
+    assert time_then > 0
+    simulator.advance(1)
+    assert simulator.time > time_then
+
+
+def test_progress_may_look_at_the_body_and_end_it(bar: palpate.Body) -> None:
+    simulator = palpate.Simulator(bar.scene().with_({"solver.sleep": False}), engine="cpu", dt=0.01)
+
+    def look(what: str, share: float) -> None:
+        assert what == "steps" and 0 < share <= 1
+        if simulator.time > 0.05:
+            raise StopIteration("far enough")
+
+    with pytest.raises(StopIteration):
+        simulator.advance(1_000_000, progress=look)
+
+
+def test_mistakes_are_told(bar: palpate.Body) -> None:
+    with pytest.raises(palpate.InputError, match="implicit"):
+        palpate.Simulator(bar, solver="wishful")
+    simulator = palpate.Simulator(bar, engine="cpu")
+    with pytest.raises(palpate.InputError, match="steps"):
+        simulator.advance(-1)
+    with pytest.raises(palpate.InputError, match="von_mises"):
+        simulator.field("stress")
+    with pytest.raises(palpate.InputError, match="shape"):
+        simulator.cut([[0, 0, 0]])
+    with pytest.raises(palpate.InputError):
+        simulator.pin([10**6])
