@@ -11,6 +11,8 @@ mesh, a volume, a surface or a scene file (``.toml``) will do. Places are in the
 physics in SI units.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from ._camera import Camera
 from ._errors import DeviceError, Error, FileError, InputError, MissingFileError, SolverError
 from ._mesh import Field, Mesh
@@ -21,6 +23,9 @@ from ._stage import Grab, Pick, Reaction, Renderer, Simulator, render
 from ._transfer import TransferFunction
 from ._volume import Volume
 from ._work import Tuned, study, tune, warp
+
+if TYPE_CHECKING:
+    from ._view import View
 
 __all__ = [
     "Body",
@@ -44,6 +49,7 @@ __all__ = [
     "SolverError",
     "TransferFunction",
     "Tuned",
+    "View",
     "Volume",
     "__version__",
     "adapters",
@@ -54,3 +60,14 @@ __all__ = [
     "tune",
     "warp",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # What notebooks need is not asked of others.
+    if name == "View":
+        try:
+            from ._view import View
+        except ImportError as why:
+            raise ImportError(f"palpate.View needs anywidget: pip install anywidget ({why})") from None
+        return View
+    raise AttributeError(f"module 'palpate' has no attribute {name!r}")

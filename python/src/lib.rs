@@ -32,6 +32,7 @@ fn _palpate(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(scenes::read_series, module)?)?;
     module.add_function(wrap_pyfunction!(scenes::presets, module)?)?;
     module.add_function(wrap_pyfunction!(work::write_png, module)?)?;
+    module.add_function(wrap_pyfunction!(work::jpeg, module)?)?;
     module.add_function(wrap_pyfunction!(work::warp, module)?)?;
     module.add_function(wrap_pyfunction!(work::tune, module)?)?;
     module.add_function(wrap_pyfunction!(work::study, module)?)?;

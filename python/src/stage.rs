@@ -344,6 +344,35 @@ impl Stage {
         self.with(py, |stage| simulator(stage)?.release(grab.0))
     }
 
+    /// Has a tool that the scene gives no way go to a place with the next step, or be there `at_once`.
+    fn lead_tool(
+        &self,
+        py: Python<'_>,
+        number: usize,
+        place: [f64; 3],
+        at_once: bool,
+    ) -> PyResult<()> {
+        self.with(py, |stage| match at_once {
+            true => stage.put_tool(number, place.into()),
+            false => stage.guide_tool(number, place.into()),
+        })
+    }
+
+    /// The force of the body on a tool, N.
+    fn tool_force(&self, py: Python<'_>, number: usize) -> PyResult<[f64; 3]> {
+        self.with(py, |stage| Ok(stage.tool_force(number)?.to_array()))
+    }
+
+    /// The transfer function of its pictures as JSON, in absolute scalars, with extinctions so many
+    /// times as large.
+    fn transfer(&self, py: Python<'_>, denser: f64) -> PyResult<String> {
+        let transfer = self.with(py, |stage| Ok(stage.transfer()))?;
+        let nodes = transfer.extinction_nodes().iter();
+        let extinction: Vec<[f64; 2]> = nodes.map(|[s, e]| [*s, denser * e]).collect();
+        let colour = transfer.colour_nodes();
+        Ok(serde_json::json!({"colour": colour, "extinction": extinction}).to_string())
+    }
+
     /// Cuts along what a straight edge sweeps; whether anything was cut.
     fn cut(&self, py: Python<'_>, edges: Vec<[[f64; 3]; 2]>) -> PyResult<bool> {
         let edges: Vec<[DVec3; 2]> = edges.iter().map(|e| e.map(DVec3::from)).collect();

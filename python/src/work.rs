@@ -6,6 +6,7 @@ use crate::devices::device;
 use crate::errors::{Raise, raised, wrong};
 use crate::mesh::Mesh;
 use crate::volume::Volume;
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
@@ -15,6 +16,7 @@ use palpate::study::{Run, STUDIES};
 use palpate::tune::Wanted;
 use palpate::warp::{Warp, WarpOptions};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -98,9 +100,8 @@ impl Long {
     }
 }
 
-/// Writes red, green, blue and opacity a pixel, row by row from the top, as a PNG.
-#[pyfunction]
-pub fn write_png(py: Python<'_>, path: PathBuf, pixels: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
+/// Width, height and bytes of a picture of red, green, blue and opacity, row by row from the top.
+fn picture(py: Python<'_>, pixels: &PyReadonlyArray3<'_, u8>) -> PyResult<(u32, u32, Vec<u8>)> {
     let pixels = pixels.as_array();
     let (height, width, channels) = pixels.dim();
     let sides = [width, height].map(u32::try_from);
@@ -113,13 +114,42 @@ pub fn write_png(py: Python<'_>, path: PathBuf, pixels: PyReadonlyArray3<'_, u8>
             ),
         ));
     };
-    let bytes: Vec<u8> = pixels.iter().copied().collect();
+    Ok((width, height, pixels.iter().copied().collect()))
+}
+
+/// Writes a picture as a PNG.
+#[pyfunction]
+pub fn write_png(py: Python<'_>, path: PathBuf, pixels: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
+    let (width, height, bytes) = picture(py, &pixels)?;
     let written = palpate::io::atomic_write(&path, |file| {
         let encoder = PngEncoder::new(file);
         let done = encoder.write_image(&bytes, width, height, ExtendedColorType::Rgba8);
         done.map_err(|e| palpate::Error::format(&path, format!("cannot be encoded: {e}")))
     });
     written.or_raise(py)
+}
+
+/// The bytes of a JPEG of a picture, on black; `quality` is from 1 to 100.
+#[pyfunction]
+pub fn jpeg<'py>(
+    py: Python<'py>,
+    pixels: PyReadonlyArray3<'_, u8>,
+    quality: u8,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let (width, height, bytes) = picture(py, &pixels)?;
+    let encoded = py.detach(|| {
+        let over = |p: &[u8], c: usize| (u32::from(p[c]) * u32::from(p[3]) / 255) as u8;
+        let rgb = bytes
+            .chunks_exact(4)
+            .flat_map(|p| [0, 1, 2].map(|c| over(p, c)));
+        let rgb: Vec<u8> = rgb.collect();
+        let mut file = Vec::new();
+        JpegEncoder::new_with_quality(&mut file, quality.clamp(1, 100))
+            .write_image(&rgb, width, height, ExtendedColorType::Rgb8)
+            .map(|()| file)
+    });
+    let encoded = encoded.map_err(|e| wrong(py, format!("the picture cannot be encoded: {e}")))?;
+    Ok(PyBytes::new(py, &encoded))
 }
 
 /// The scan in the bent body, and how its voxels lie there: all, and those that no tet holds.

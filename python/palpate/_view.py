@@ -1,0 +1,318 @@
+"""A body in a notebook: drawn where the kernel is, touched in the browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from os import fspath
+from pathlib import Path
+from typing import Any
+
+import anywidget
+import numpy as np
+import traitlets
+
+from . import _palpate
+from ._errors import Error, InputError
+from ._mesh import PathOf
+from ._scene import BodyLike, Scene, _absolute, picture_entries
+from ._stage import Picture
+from ._touch import Touched
+
+_HERE = Path(__file__).parent
+#: Without news for so long the picture is drawn sharp.
+_STILL = 0.25
+#: Share of the picture's size while something moves, and qualities of the JPEG moving and still.
+_COARSE, _QUICK, _FINE = 0.5, 75, 92
+#: Forces that are kept for the curve.
+_KEPT = 400
+
+
+class View(anywidget.AnyWidget):  # type: ignore[misc]
+    """A body that is looked at and touched in a notebook.
+
+    Drag to go round it, turn the wheel to come nearer; with **Press** put a finger on the body and
+    drag away from there to go deeper, with **Cut** draw a stroke that begins on it. Pictures are drawn
+    in the kernel and sent as JPEGs, the newest first and none while one is on its way.
+
+    Args:
+        body: as :func:`palpate.render` takes it.
+        size: of the picture, in pixels.
+        adapter: which graphics adapter.
+        picture: as :func:`palpate.render` has them.
+    """
+
+    _esm = _HERE / "view.js"
+    _css = _HERE / "view.css"
+
+    size = traitlets.List(traitlets.Int(), default_value=[640, 480]).tag(sync=True)
+    fields = traitlets.List(traitlets.Unicode()).tag(sync=True)
+    field = traitlets.Unicode("").tag(sync=True)
+    colours = traitlets.List(traitlets.Unicode()).tag(sync=True)
+    colour = traitlets.Unicode("").tag(sync=True)
+    density = traitlets.Float(1.0).tag(sync=True)
+    whole = traitlets.List(traitlets.Float(), default_value=[0.0, 1.0]).tag(sync=True)
+    range = traitlets.List(traitlets.Float(), default_value=[0.0, 1.0]).tag(sync=True)
+    plane = traitlets.Unicode("").tag(sync=True)
+    plane_at = traitlets.Float(0.5).tag(sync=True)
+    said = traitlets.Unicode("").tag(sync=True)
+    curve = traitlets.List().tag(sync=True)
+
+    def __init__(
+        self,
+        body: BodyLike,
+        *,
+        size: Sequence[int] = (640, 480),
+        adapter: str | None = None,
+        **picture: Any,
+    ) -> None:
+        width, height = (int(n) for n in size)
+        self._scene = Scene.of(body).with_(picture_entries(size=(width, height), **picture))
+        self._adapter = adapter
+        self._touched = Touched(self._scene, adapter)
+        own = self._scene.entries.get("picture", {})
+        _, whole = self._touched._stage.shown()
+        super().__init__(
+            size=[width, height],
+            fields=_fields(self._touched),
+            field=own.get("field", ""),
+            colours=_palpate.presets(),
+            colour=own.get("transfer", "") if own.get("transfer") in _palpate.presets() else "",
+            whole=list(whole),
+            range=list(whole),
+        )
+        #: Held to read and write what was heard, never for long; and to draw and to step.
+        self._news = threading.Condition()
+        self._at_work = threading.Lock()
+        self._changed = time.monotonic()
+        self._dirty = True
+        self._looks = False
+        self._waits: list[tuple[str, Any]] = []
+        self._sent = self._got = 0
+        self._shown_at = 0.0
+        self._ended = False
+        self.on_msg(self._hear)
+        self.observe(self._relook, ["field", "colour", "density", "range", "plane", "plane_at"])
+        self._painter = threading.Thread(target=self._paint, name="palpate-view", daemon=True)
+        self._painter.start()
+
+    def picture(self, size: Sequence[int] | None = None) -> Picture:
+        """The picture as it is now, shape (height, width, 4)."""
+        with self._at_work:
+            return self._draw(self.size if size is None else [int(n) for n in size])
+
+    @property
+    def forces(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Simulated time (s), depth (m) and force (N) of each step of the last press, shape (n, 3)."""
+        return np.array(self._touched.samples).reshape(-1, 3)
+
+    def close(self) -> None:
+        """Ends drawing."""
+        with self._news:
+            self._ended = True
+            self._news.notify_all()
+        super().close()
+
+    def export_html(self, path: PathOf, page: PathOf | None = None) -> None:
+        """Writes one file that runs the browser build with the body in it, in any browser with
+        WebGPU.
+
+        Args:
+            path: the file.
+            page: the folder that ``scripts/web`` builds; default: that which PALPATE_WEB names.
+        """
+        folder = page or os.environ.get("PALPATE_WEB")
+        if folder is None or not (Path(folder) / "palpate_view_bg.wasm").is_file():
+            raise InputError(
+                f"the browser build is not in {folder or 'PALPATE_WEB, which is not set'}: "
+                "scripts/web of the project builds it in target/web; name that folder by page="
+            )
+        with self._at_work:
+            camera = self._touched.camera.entries()
+        scene = self._scene.with_({"camera": camera})
+        export(scene, Path(folder), Path(path))
+
+    def _hear(self, _: Any, said: Any, __: Any) -> None:
+        """What the browser says; done by the painter, in this order."""
+        with self._news:
+            kind = said.get("kind")
+            if kind == "got":
+                self._got = int(said["number"])
+            elif kind == "shown":
+                # Another look at the same body, or its first.
+                self._got, self._dirty = self._sent, True
+            else:
+                self._waits.append((kind, said))
+            self._news.notify_all()
+
+    def _relook(self, _: Any) -> None:
+        with self._news:
+            self._looks = True
+            self._news.notify_all()
+
+    def _paint(self) -> None:
+        while True:
+            with self._news:
+                while not (self._ended or self._due()):
+                    sharp = self._changed + _STILL - time.monotonic()
+                    waits = self._shown_at < self._changed + _STILL
+                    self._news.wait(max(sharp, 0.01) if waits else None)
+                if self._ended:
+                    return
+                heard, self._waits = self._waits, []
+                looks, self._looks = self._looks, False
+                free = self._sent == self._got
+            try:
+                with self._at_work:
+                    picture = self._work(heard, looks, free)
+            except Error as why:
+                self._touched.let_go()
+                self.said = str(why)
+                continue
+            if picture is not None:
+                quality = _QUICK if picture.shape[1] != self.size[0] else _FINE
+                with self._news:
+                    self._sent += 1
+                self.send({"kind": "frame", "number": self._sent}, [_palpate.jpeg(picture, quality)])
+                samples = self._touched.samples[-_KEPT:]
+                if len(samples) != len(self.curve):
+                    self.curve = [[1e3 * depth, force] for _, depth, force in samples]
+
+    def _due(self) -> bool:
+        busy = bool(self._waits) or self._looks or self._touched.moves
+        free = self._sent == self._got
+        still = self._changed + _STILL
+        sharpens = time.monotonic() >= still and self._shown_at < still
+        return busy or (free and (self._dirty or sharpens))
+
+    def _work(self, heard: list[tuple[str, Any]], looks: bool, free: bool) -> Picture | None:
+        """Does what was asked, a step of a press, and a picture where one can be shown."""
+        for kind, said in heard:
+            self._do(kind, said)
+        if looks:
+            self._touched._stage.set_looks(self._looked().json(), fspath(self._scene.folder))
+            self._dirty = True
+        if self._touched.moves:
+            self._touched.step()
+            self._dirty = True
+        now = time.monotonic()
+        if self._dirty:
+            self._changed = now
+        if not free:
+            return None
+        moves = now < self._changed + _STILL
+        share = _COARSE if moves and self._sent > 0 else 1.0
+        picture = self._draw([max(int(share * n), 1) for n in self.size])
+        self._dirty = False
+        # A sharp one is the last until something changes.
+        self._shown_at = now if moves else self._changed + _STILL
+        return picture
+
+    def _do(self, kind: str, said: Any) -> None:
+        touched = self._touched
+        if kind == "turn":
+            touched.turn(float(said["x"]), float(said["y"]))
+        elif kind == "pan":
+            touched.pan(float(said["x"]), float(said["y"]))
+        elif kind == "zoom":
+            touched.zoom(float(np.exp(np.clip(float(said["by"]), -2.0, 2.0))))
+        elif kind == "press":
+            if not touched.press(float(said["x"]), float(said["y"])):
+                self.said = "put the finger on the body"
+        elif kind == "deeper":
+            touched.press_to(float(said["depth"]))
+        elif kind == "release":
+            touched.let_go()
+        elif kind == "cut":
+            done = touched.cut([[float(x), float(y)] for x, y in said["way"]])
+            self.said = "cut" if done else "the stroke cut nothing; begin it on the body"
+            if done:
+                touched.step()
+        elif kind == "reset":
+            camera = touched.camera
+            self._touched = Touched(self._scene, self._adapter)
+            self._touched.camera = camera
+            self._looks = True
+            self.said, self.curve = "", []
+        self._dirty = True
+
+    def _draw(self, size: Sequence[int]) -> Picture:
+        stage = self._touched._stage
+        stage.set_size((size[0], size[1]))
+        return stage.rgba().reshape(size[1], size[0], 4)
+
+    def _looked(self) -> Scene:
+        """The scene with what the sliders say."""
+        scene = self._touched.moving
+        chosen: dict[str, Any] = {"picture.field": self.field or None}
+        if self.colour:
+            chosen["picture.transfer"] = self.colour
+        if self.range != self.whole:
+            chosen["picture.range"] = list(self.range)
+        if self.plane:
+            low, high = self._touched.bounds
+            axis = "xyz".index(self.plane)
+            point, normal = 0.5 * (low + high), np.zeros(3)
+            point[axis] = low[axis] + self.plane_at * (high - low)[axis]
+            normal[axis] = 1.0
+            planes = list(scene.entries.get("plane", []))
+            chosen["plane"] = [*planes, {"clip": [*point.tolist(), *normal.tolist()]}]
+        looked = scene.with_(chosen)
+        if self.density != 1.0:
+            stage = self._touched._stage
+            stage.set_looks(looked.json(), fspath(scene.folder))
+            looked = looked.with_({"picture.transfer": stage.transfer(float(self.density))})
+        return looked
+
+
+def _fields(touched: Touched) -> list[str]:
+    """The fields that can be seen."""
+    own = [f.name for f in touched.rest.fields() if f.values.ndim == 1]
+    computed = ["displacement", "von_mises", "stress_1", "strain", "J"]
+    return own + ([] if isinstance(touched.finger, str) else computed)
+
+
+def export(scene: Scene, page: Path, path: Path) -> None:
+    """Writes the page in a folder, with a scene and its files, as one file."""
+    files: dict[str, bytes] = {}
+
+    def taken(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: taken(inner) for name, inner in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [taken(inner) for inner in value]
+        if isinstance(value, str) and "{" not in value and Path(value).is_absolute():
+            file = Path(value)
+            if file.is_file():
+                files[file.name] = file.read_bytes()
+                return file.name
+        return value
+
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        whole = scene.in_files(folder)
+        entries = taken(_absolute(whole.entries, Path(folder)))
+    files["scene.toml"] = _palpate.to_toml(json.dumps(entries)).encode()
+    text = (_HERE / "export.html").read_text(encoding="utf-8")
+    parts = {
+        "BINDINGS": json.dumps((page / "palpate_view.js").read_text(encoding="utf-8")),
+        "ELEMENT": json.dumps((page / "palpate-view.js").read_text(encoding="utf-8")),
+        "MODULE": json.dumps(_encoded((page / "palpate_view_bg.wasm").read_bytes())),
+        "FILES": json.dumps({name: _encoded(content) for name, content in files.items()}),
+    }
+    for name, value in parts.items():
+        # What closes a script would end it.
+        text = text.replace(f'"@{name}@"', value.replace("</", "<\\/"))
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)
+
+
+def _encoded(content: bytes) -> str:
+    return base64.b64encode(content).decode()
+
+

@@ -1,0 +1,183 @@
+// A body in a notebook: shows the newest picture, and tells the kernel what the pointer does.
+
+const HANDS = [
+  ["look", "Look", "Drag to go round the body, with Shift to move it; turn the wheel to come nearer"],
+  ["press", "Press", "Put the finger on the body and drag away from there to go deeper"],
+  ["cut", "Cut", "Draw a stroke that begins on the body"],
+];
+const SVG = "http://www.w3.org/2000/svg";
+
+function element(name, attributes = {}, ...inside) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key in made && key !== "list") made[key] = value;
+    else made.setAttribute(key, value);
+  }
+  made.append(...inside);
+  return made;
+}
+
+/** A choice that is a trait of the model; `none` is what no choice is called. */
+function choice(model, trait, options, label, none) {
+  const select = element("select", { ariaLabel: label });
+  const fill = () => {
+    const all = none === undefined ? options() : ["", ...options()];
+    select.replaceChildren(...all.map((o) => element("option", { value: o, textContent: o || none })));
+    select.value = model.get(trait);
+  };
+  fill();
+  select.addEventListener("change", () => { model.set(trait, select.value); model.save_changes(); });
+  model.on(`change:${trait}`, fill);
+  return element("label", {}, label, select);
+}
+
+/** A slider; `get` and `put` are of the model. */
+function slider(label, get, put, [min, max] = [0, 1]) {
+  const input = element("input", { type: "range", min, max, step: (max - min) / 200, ariaLabel: label });
+  input.value = get();
+  input.addEventListener("input", () => put(Number(input.value)));
+  return element("label", {}, label, input);
+}
+
+function render({ model, el }) {
+  const [width, height] = model.get("size");
+  const canvas = element("canvas", { width, height, tabIndex: 0, ariaLabel: "A body that can be pressed on" });
+  const stroke = document.createElementNS(SVG, "svg");
+  stroke.setAttribute("class", "stroke");
+  stroke.setAttribute("viewBox", "0 0 1 1");
+  stroke.setAttribute("preserveAspectRatio", "none");
+  const line = document.createElementNS(SVG, "polyline");
+  for (const [k, v] of [["fill", "none"], ["stroke", "#f0e442"], ["stroke-width", "2"], ["vector-effect", "non-scaling-stroke"]]) line.setAttribute(k, v);
+  stroke.append(line);
+  const said = element("div", { className: "said", role: "status" });
+  const curve = document.createElementNS(SVG, "svg");
+  curve.setAttribute("class", "curve");
+  curve.setAttribute("viewBox", "0 0 160 60");
+  const told = element("span");
+
+  let hand = "look";
+  const buttons = HANDS.map(([name, text, title]) => {
+    const button = element("button", { textContent: text, title, ariaPressed: String(name === hand) });
+    button.addEventListener("click", () => {
+      hand = name;
+      buttons.forEach((b, n) => (b.ariaPressed = String(HANDS[n][0] === hand)));
+    });
+    return button;
+  });
+  const reset = element("button", { textContent: "Reset", title: "The body back to rest, whole" });
+  reset.addEventListener("click", () => model.send({ kind: "reset" }));
+
+  const set = (trait, value) => { model.set(trait, value); model.save_changes(); };
+  const whole = () => model.get("whole");
+  const part = (n) => (model.get("range")[n] - whole()[0]) / (whole()[1] - whole()[0] || 1);
+  const ranged = (n) => (share) => {
+    const both = [...model.get("range")];
+    both[n] = whole()[0] + share * (whole()[1] - whole()[0]);
+    if (both[0] < both[1]) set("range", both);
+  };
+  const controls = element("div", { className: "row" },
+    choice(model, "field", () => model.get("fields"), "Field", "what suits"),
+    choice(model, "colour", () => model.get("colours"), "Colours", "what suits"),
+    slider("Opacity", () => Math.log10(model.get("density")), (v) => set("density", 10 ** v), [-1.5, 1.5]),
+    slider("From", () => part(0), ranged(0)),
+    slider("To", () => part(1), ranged(1)),
+    choice(model, "plane", () => ["x", "y", "z"], "Cut off along", "nothing"),
+    slider("at", () => model.get("plane_at"), (v) => set("plane_at", v)));
+  const hands = element("div", { className: "row" }, ...buttons, reset, curve, told);
+  const root = element("div", { className: "palpate-view" },
+    hands, element("div", { className: "body" }, canvas, stroke), controls, said);
+  root.style.width = `${width}px`;
+  el.append(root);
+
+  // The newest picture; the next is sent once this one is here.
+  const onMessage = async (message, buffers) => {
+    if (message.kind !== "frame") return;
+    const bitmap = await createImageBitmap(new Blob([buffers[0]], { type: "image/jpeg" })).catch(() => null);
+    if (bitmap) {
+      canvas.getContext("2d").drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+      root.dataset.frame = message.number;
+      root.dataset.width = bitmap.width;
+    }
+    model.send({ kind: "got", number: message.number });
+  };
+  model.on("msg:custom", onMessage);
+  const onSaid = () => (said.textContent = model.get("said"));
+  model.on("change:said", onSaid);
+  const onCurve = () => {
+    const points = model.get("curve");
+    curve.replaceChildren();
+    if (points.length < 2) return (told.textContent = "");
+    const most = (n) => Math.max(...points.map((p) => Math.abs(p[n])), 1e-12);
+    const [deepest, strongest] = [most(0), most(1)];
+    const drawn = document.createElementNS(SVG, "polyline");
+    drawn.setAttribute("points", points.map(([d, f]) => `${(154 * Math.max(d, 0)) / deepest + 3},${57 - (54 * Math.max(f, 0)) / strongest}`).join(" "));
+    drawn.setAttribute("fill", "none");
+    drawn.setAttribute("stroke", "currentColor");
+    curve.append(drawn);
+    const [depth, force] = points[points.length - 1];
+    told.textContent = `${force.toPrecision(3)} N at ${depth.toPrecision(3)} mm`;
+  };
+  model.on("change:curve", onCurve);
+  onSaid();
+  onCurve();
+
+  const at = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+  };
+  let held;
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    const pans = event.shiftKey || event.button === 1;
+    held = { does: hand === "look" && pans ? "pan" : hand, last: at(event), first: at(event), way: [at(event)] };
+    if (held.does === "press") model.send({ kind: "press", x: held.first[0], y: held.first[1] });
+    event.preventDefault();
+    canvas.focus();
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!held) return;
+    const now = at(event);
+    const [dx, dy] = [now[0] - held.last[0], now[1] - held.last[1]];
+    const ratio = canvas.width / canvas.height;
+    if (held.does === "look") model.send({ kind: "turn", x: dx, y: dy });
+    if (held.does === "pan") model.send({ kind: "pan", x: dx * ratio, y: dy });
+    if (held.does === "press") {
+      const away = Math.hypot((now[0] - held.first[0]) * ratio, now[1] - held.first[1]);
+      model.send({ kind: "deeper", depth: 0.5 * away });
+    }
+    if (held.does === "cut") {
+      held.way.push(now);
+      line.setAttribute("points", held.way.map((p) => p.join(",")).join(" "));
+    }
+    held.last = now;
+  });
+  const end = () => {
+    if (held?.does === "press") model.send({ kind: "release" });
+    if (held?.does === "cut") model.send({ kind: "cut", way: held.way });
+    line.setAttribute("points", "");
+    held = undefined;
+  };
+  canvas.addEventListener("pointerup", end);
+  canvas.addEventListener("pointercancel", end);
+  canvas.addEventListener("wheel", (event) => {
+    model.send({ kind: "zoom", by: -event.deltaY / 500 });
+    event.preventDefault();
+  }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    const turns = { ArrowLeft: [-0.05, 0], ArrowRight: [0.05, 0], ArrowUp: [0, -0.05], ArrowDown: [0, 0.05] };
+    if (event.key in turns) model.send({ kind: "turn", x: turns[event.key][0], y: turns[event.key][1] });
+    else if (event.key === "+" || event.key === "=") model.send({ kind: "zoom", by: 0.15 });
+    else if (event.key === "-") model.send({ kind: "zoom", by: -0.15 });
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  });
+  model.send({ kind: "shown" });
+  return () => {
+    model.off("msg:custom", onMessage);
+    model.off("change:said", onSaid);
+    model.off("change:curve", onCurve);
+  };
+}
+
+export default { render };

@@ -1,0 +1,157 @@
+"""The view of notebooks, without a browser: what it sends, and does as it is told."""
+
+from __future__ import annotations
+
+import io
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import palpate
+
+pytest.importorskip("anywidget")
+
+
+class Shown:
+    """Who shows a view: takes its pictures, and says that they came."""
+
+    def __init__(self, view: palpate.View, answers: bool = True) -> None:
+        self.view, self.answers = view, answers
+        self.pictures: list[np.ndarray] = []
+        self.numbers: list[int] = []
+        view.send = self.take
+        self.say(kind="shown")
+
+    def take(self, content: dict, buffers: list[bytes]) -> None:
+        self.pictures.append(np.asarray(Image.open(io.BytesIO(buffers[0]))))
+        self.numbers.append(content["number"])
+        if self.answers:
+            self.view._hear(None, {"kind": "got", "number": content["number"]}, [])
+
+    def say(self, **said: object) -> None:
+        self.view._hear(None, said, [])
+
+    def wait(self, what: str, is_so, seconds: float = 60) -> None:
+        end = time.monotonic() + seconds
+        while not is_so():
+            assert time.monotonic() < end, f"no sign of {what}; {self.view.said}"
+            time.sleep(0.02)
+
+    def rest(self) -> np.ndarray:
+        """The picture once nothing more comes."""
+        before = -1
+        while before != len(self.pictures):
+            before = len(self.pictures)
+            time.sleep(0.8)
+        return self.pictures[-1].astype(int)
+
+
+@pytest.fixture
+def ball():
+    view = palpate.View(palpate.Mesh.generate("ball", tets=1500), size=(160, 120))
+    yield view
+    view.close()
+
+
+def test_it_is_looked_at(ball: palpate.View) -> None:
+    shown = Shown(ball)
+    first = shown.rest()
+    assert first.shape == (120, 160, 3) and first.max() > 50
+    # JPEGs are not the picture to the bit, but nearly.
+    assert np.abs(first - ball.picture()[..., :3].astype(int)).mean() < 3
+    shown.say(kind="turn", x=0.2, y=0.1)
+    shown.wait("a quick picture", lambda: any(p.shape == (60, 80, 3) for p in shown.pictures))
+    turned = shown.rest()
+    assert turned.shape == (120, 160, 3), "sharp again once it is still"
+    shown.say(kind="zoom", by=0.5)
+    nearer = shown.rest()
+    assert (nearer.max(axis=2) > 10).sum() > 1.3 * (turned.max(axis=2) > 10).sum()
+    count = len(shown.pictures)
+    time.sleep(1)
+    assert len(shown.pictures) == count, "nothing is drawn while nothing changes"
+
+
+def test_the_newest_wins(ball: palpate.View) -> None:
+    shown = Shown(ball, answers=False)
+    shown.wait("a picture", lambda: shown.numbers)
+    time.sleep(0.5)
+    sent = len(shown.numbers)
+    for _ in range(30):
+        shown.say(kind="turn", x=0.02, y=0.0)
+    time.sleep(1)
+    assert len(shown.numbers) == sent, "none is sent while one is on its way"
+    shown.answers = True
+    shown.say(kind="got", number=shown.numbers[-1])
+    last = shown.rest()
+    assert len(shown.numbers) <= sent + 2
+    assert np.abs(last - ball.picture()[..., :3].astype(int)).mean() < 3
+
+
+def test_it_is_pressed_and_cut_and_reset(ball: palpate.View) -> None:
+    shown = Shown(ball)
+    rest = shown.rest()
+    shown.say(kind="press", x=0.01, y=0.01)
+    shown.wait("a word", lambda: "finger on the body" in ball.said)
+    shown.say(kind="press", x=0.5, y=0.5)
+    for depth in np.linspace(0, 0.12, 10):
+        shown.say(kind="deeper", depth=float(depth))
+    shown.wait("a force", lambda: len(ball.forces) > 5 and ball.forces[-1, 2] > 0)
+    shown.rest()
+    forces = ball.forces
+    assert (np.diff(forces[:, 1]) >= 0).all() and forces[-1, 2] > forces[2, 2]
+    assert ball.curve[-1] == [1e3 * forces[-1, 1], forces[-1, 2]]
+    assert np.abs(shown.rest() - rest).mean() > 0.5
+    shown.say(kind="release")
+    shown.wait("the finger gone", lambda: not ball._touched.pressed)
+    tets = len(ball._touched._stage.mesh().nodes())
+    shown.say(kind="cut", way=[[0.5, 0.3], [0.5, 0.45], [0.5, 0.6], [0.5, 0.7]])
+    shown.wait("a cut", lambda: ball.said == "cut")
+    assert len(ball._touched._stage.mesh().nodes()) > tets
+    shown.say(kind="reset")
+    again = shown.rest()
+    assert np.abs(again - rest).mean() < 2 and len(ball.curve) == 0
+
+
+def test_what_is_seen_is_chosen(ball: palpate.View) -> None:
+    shown = Shown(ball)
+    rest = shown.rest()
+    seen = [rest]
+    for trait, value in [("colour", "magma"), ("density", 4.0), ("plane", "x"), ("range", [0.2, 0.5])]:
+        if trait == "range":
+            low, high = ball.whole
+            value = [low + share * (high - low) for share in (0.2, 0.5)]
+        setattr(ball, trait, value)
+        seen.append(shown.rest())
+        assert np.abs(seen[-1] - seen[-2]).mean() > 0.3, trait
+    assert {"displacement", "von_mises"} <= set(ball.fields)
+    ball.field = "no such field"
+    shown.wait("a word", lambda: "no such field" in ball.said)
+
+
+def test_rays_are_those_of_pictures(ball: palpate.View) -> None:
+    touched = ball._touched
+    for x, y in [(0.5, 0.5), (0.4, 0.6)]:
+        seen = touched.pick(x, y)
+        assert seen is not None
+        origin, direction = touched.ray(x, y)
+        assert np.allclose(origin + seen.distance * direction, seen.point, atol=1e-4 * touched.diagonal)
+
+
+def test_a_scene_of_several_bodies_is_looked_at_alone() -> None:
+    from pathlib import Path
+
+    scene = Path(__file__).resolve().parents[2] / "data/scenes/bars.toml"
+    view = palpate.View(scene, size=(80, 60))
+    shown = Shown(view)
+    assert shown.rest().max() > 20
+    shown.say(kind="press", x=0.5, y=0.5)
+    shown.wait("a word", lambda: bool(view.said))
+    view.close()
+
+
+def test_what_is_missing_for_a_page_is_told(ball: palpate.View, tmp_path, monkeypatch) -> None:
+    monkeypatch.delenv("PALPATE_WEB", raising=False)
+    with pytest.raises(palpate.InputError, match="scripts/web"):
+        ball.export_html(tmp_path / "ball.html")
