@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import json
 import os
 import tempfile
@@ -179,7 +180,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
                 with self._news:
                     self._sent += 1
                 self.send({"kind": "frame", "number": self._sent}, [_palpate.jpeg(picture, quality)])
-                samples = self._touched.samples[-_KEPT:]
+                samples = [s for s in self._touched.samples if s[1] >= 0.0][-_KEPT:]
                 if len(samples) != len(self.curve):
                     self.curve = [[1e3 * depth, force] for _, depth, force in samples]
 
@@ -301,7 +302,9 @@ def export(scene: Scene, page: Path, path: Path) -> None:
     parts = {
         "BINDINGS": json.dumps((page / "palpate_view.js").read_text(encoding="utf-8")),
         "ELEMENT": json.dumps((page / "palpate-view.js").read_text(encoding="utf-8")),
-        "MODULE": json.dumps(_encoded((page / "palpate_view_bg.wasm").read_bytes())),
+        "MODULE": json.dumps(
+            _encoded(gzip.compress((page / "palpate_view_bg.wasm").read_bytes(), mtime=0))
+        ),
         "FILES": json.dumps({name: _encoded(content) for name, content in files.items()}),
     }
     for name, value in parts.items():

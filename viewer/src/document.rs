@@ -186,6 +186,11 @@ impl Document {
         }
     }
 
+    /// How many edits can be undone.
+    pub fn edits(&self) -> usize {
+        self.undo.len()
+    }
+
     /// Whether there is anything to undo, and to redo.
     pub fn can(&self) -> [bool; 2] {
         [!self.undo.is_empty(), !self.redo.is_empty()]

@@ -1,7 +1,10 @@
 //! Edits of the scene, which the body follows, and their undo.
 
 use crate::app::App;
-use crate::show::Show;
+use crate::document::Document;
+use crate::loading::Loading;
+use crate::show::{Anew, Show};
+use crate::touches::Touch;
 use eframe::egui;
 use palpate::Result;
 use palpate::scene::Scene;
@@ -60,8 +63,52 @@ impl App {
 
     /// Undoes the last edit, or with `again` the last undo.
     pub(crate) fn undo(&mut self, again: bool, context: &egui::Context) {
-        let result = self.try_undo(again, context);
+        let result = match self.can_undo_touch()[usize::from(again)] {
+            true => self.undo_touch(again, context),
+            false => self.try_undo(again, context),
+        };
         self.tell_error(result);
+    }
+
+    /// How many edits of the scene can be undone.
+    pub(crate) fn edits(&self) -> usize {
+        self.document.as_ref().map_or(0, Document::edits)
+    }
+
+    /// Whether there is anything to undo, and to redo.
+    pub(crate) fn can_undo(&self) -> [bool; 2] {
+        let edits = self.document.as_ref().map_or([false; 2], Document::can);
+        let touches = self.can_undo_touch();
+        [0, 1].map(|n| edits[n] || touches[n])
+    }
+
+    /// Whether the next of these is something that was done to the body.
+    fn can_undo_touch(&self) -> [bool; 2] {
+        let edits = self.edits();
+        let touches = self.show.as_ref().map(|show| show.touches.can(edits));
+        touches.unwrap_or_default()
+    }
+
+    fn undo_touch(&mut self, again: bool, context: &egui::Context) -> Result<()> {
+        let edits = self.edits();
+        let (Some(show), None) = (&mut self.show, &self.loading) else {
+            return Ok(());
+        };
+        if again {
+            return show.redo(edits);
+        }
+        let Some(touch) = show.touches.clone().undo() else {
+            return Ok(());
+        };
+        match touch.as_ref() {
+            Touch::Pins(_) => show.undo_pins(),
+            Touch::Cut(..) => {
+                let name = self.document.as_ref().map(|d| d.name.clone());
+                let (anew, name) = (Anew::of(show), name.unwrap_or_default());
+                self.loading = Some(Loading::back(&self.gpu, name, anew, touch, context));
+                Ok(())
+            }
+        }
     }
 
     fn try_undo(&mut self, again: bool, context: &egui::Context) -> Result<()> {

@@ -2,10 +2,12 @@
 
 use crate::app::App;
 use crate::settings::Habit;
+use crate::show::Show;
 use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
 use glam::{DVec2, DVec3};
 use palpate::Result;
 use palpate::mesh::{Blade, Location};
+use palpate::physics::BodyField;
 use palpate::render::{Camera, Pick};
 
 /// What the left button does.
@@ -251,6 +253,7 @@ impl App {
             self.stroke = Stroke::View(Move::Orbit);
             return Ok(());
         };
+        let edits = self.edits();
         let eye = self.orbit.camera().eye;
         let back = self.orbit.turn * DVec3::Z;
         let away = match self.orbit.orthographic {
@@ -273,7 +276,7 @@ impl App {
             }
             Hand::Cut => self.stroke = Stroke::Cut(vec![at], pick.point),
             Hand::Pin => {
-                let count = show.pin(&pick)?;
+                let count = show.pin(&pick, edits, true)?;
                 self.say(format!("{count} nodes held"));
                 self.stroke = Stroke::Pin;
             }
@@ -351,10 +354,11 @@ impl App {
                 }
             }
             Stroke::Pin => {
+                let edits = self.edits();
                 if let Some((pick, _)) = self.picked(at, area)?
                     && let Some(show) = &mut self.show
                 {
-                    show.pin(&pick)?;
+                    show.pin(&pick, edits, false)?;
                 }
             }
             Stroke::Ruler => {
@@ -387,6 +391,7 @@ impl App {
 
     /// Cuts along a stroke, as deep as is asked for from the surface that was seen where it began.
     fn cut(&mut self, way: &[Pos2], place: DVec3) -> Result<()> {
+        let edits = self.edits();
         let (Some(area), Some(show)) = (self.area, &mut self.show) else {
             return Ok(());
         };
@@ -405,7 +410,7 @@ impl App {
                 [on - above * ray.direction, on + below * ray.direction]
             })
             .collect();
-        show.cut(Blade::swept(&edges)?);
+        show.cut(Blade::swept(&edges)?, edits);
         Ok(())
     }
 
@@ -438,10 +443,11 @@ impl App {
                 let name = mesh.region_names.get(&(*label as i64));
                 name.cloned().unwrap_or_else(|| format!("region {label}"))
             });
+        let stress = stress_there(show, pick.tet);
         let p = pick.point;
         let mm = 1e3 * show.unit * (pick.point - rest).length();
         self.say(format!(
-            "{}{} {value:.4}, moved {mm:.2} mm, at {:.4}, {:.4}, {:.4}, tet {}",
+            "{}{} {value:.4}, moved {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
             label.map_or(String::new(), |l| format!("{l}: ")),
             field.name,
             p.x,
@@ -450,6 +456,34 @@ impl App {
             pick.tet
         ));
     }
+}
+
+/// The stress in a tet in words; nothing where the body has none.
+fn stress_there(show: &Show, tet: u32) -> String {
+    let Some(motion) = show.stage().motion() else {
+        return String::new();
+    };
+    let of = |field: BodyField| {
+        let all = field.in_tets(motion.simulator.as_ref()).ok()?;
+        all.get(tet as usize).copied()
+    };
+    match (of(BodyField::VonMises), of(BodyField::Stress1)) {
+        (Some(von_mises), Some(first)) => {
+            let [von_mises, first] = [von_mises, first].map(pascals);
+            format!(", stress {von_mises} (von Mises), {first} (largest)")
+        }
+        _ => String::new(),
+    }
+}
+
+/// A stress with the unit that suits it.
+fn pascals(stress: f64) -> String {
+    let (unit, name) = match stress.abs() {
+        s if s >= 1e6 => (1e6, "MPa"),
+        s if s >= 1e3 => (1e3, "kPa"),
+        _ => (1.0, "Pa"),
+    };
+    format!("{:.3} {name}", stress / unit)
 }
 
 #[cfg(test)]

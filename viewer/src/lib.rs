@@ -15,6 +15,7 @@ mod hand;
 mod histogram;
 pub mod loading;
 pub mod log;
+mod matter;
 mod menu;
 mod opening;
 pub mod orbit;
@@ -25,6 +26,7 @@ pub mod screen;
 pub mod settings;
 pub mod show;
 mod system;
+pub mod touches;
 #[cfg(target_arch = "wasm32")]
 pub mod web;
 #[cfg(not(target_arch = "wasm32"))]

@@ -1,8 +1,9 @@
 //! Bodies are read, meshed and made ready while the interface goes on.
 
 use crate::document::Document;
-use crate::show::Show;
+use crate::show::{Anew, Show};
 use crate::system;
+use crate::touches::Touch;
 use eframe::egui;
 use palpate::Result;
 use palpate::gpu::Gpu;
@@ -10,6 +11,13 @@ use palpate::mesh::TetMesh;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use web_time::Instant;
+
+/// The body, whose steps wake the window.
+fn waking(mut show: Show, context: &egui::Context) -> Show {
+    let context = context.clone();
+    show.set_waker(Arc::new(move || context.request_repaint()));
+    show
+}
 
 /// A body that is being made ready.
 pub struct Loading {
@@ -55,6 +63,36 @@ impl Loading {
         Ok(Loading { before, ..loading })
     }
 
+    /// Has the body as it was before the cut that `touch` is.
+    pub fn back(
+        gpu: &Gpu,
+        name: String,
+        anew: Anew,
+        touch: Arc<Touch>,
+        context: &egui::Context,
+    ) -> Loading {
+        let (send, made) = channel();
+        let (gpu, context) = (gpu.clone(), context.clone());
+        system::later(move || {
+            let Touch::Cut(_, before) = touch.as_ref() else {
+                return;
+            };
+            let show = anew.back(&gpu, before).map(|show| waking(show, &context));
+            let _ = send.send(show);
+            context.request_repaint();
+        });
+        Loading {
+            name,
+            document: None,
+            // It looks as it was made, and is to look as the scene has it now.
+            text: String::new(),
+            before: None,
+            since: Instant::now(),
+            told: Arc::new(Mutex::new(("undoing the cut".to_owned(), 1.0))),
+            made,
+        }
+    }
+
     /// Whether something else is opened, and not the same body made anew.
     pub fn opens(&self) -> bool {
         self.document.is_some()
@@ -83,11 +121,7 @@ impl Loading {
             };
             progress("making it ready", 1.0);
             let show = mesh.and_then(|mesh| Show::new(&gpu, &scene, mesh, radius));
-            let show = show.map(|mut show| {
-                let context = context.clone();
-                show.set_waker(Arc::new(move || context.request_repaint()));
-                show
-            });
+            let show = show.map(|show| waking(show, &context));
             // Who cancelled it waits for nothing.
             let _ = send.send(show);
             context.request_repaint();

@@ -155,7 +155,7 @@ impl App {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button("File", |ui| self.menu_file(ui, &context));
             ui.menu_button("Edit", |ui| {
-                let [undo, redo] = self.document.as_ref().map_or([false; 2], |d| d.can());
+                let [undo, redo] = self.can_undo();
                 if item(ui, undo, "Undo", Some(&UNDO)) {
                     self.undo(false, &context);
                 }

@@ -1,8 +1,8 @@
-//! The panels at the right: colours, regions, planes, isosurfaces, light, touch, matter.
+//! The panels at the right: colours, regions, planes, isosurfaces, light, touch.
 
 use crate::app::App;
 use crate::ask::Saved;
-use crate::document::{numbers, set, set_all};
+use crate::document::{set, set_all};
 use crate::histogram::Histogram;
 use eframe::egui::{self, Color32, Pos2, Rect, Sense, Stroke as Line};
 use egui_plot::{Line as Curve, Plot, PlotPoints};
@@ -574,52 +574,6 @@ impl App {
             self.ask_place(Saved::Press);
         }
     }
-
-    fn matter(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
-        let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
-            return;
-        };
-        let Some(motion) = show.stage().motion() else {
-            ui.label("Nothing moves");
-            return;
-        };
-        ui.label(format!("{} on {}", motion.kind(), motion.engine()));
-        let (dt, young) = (1e3 * motion.dt, scene.material.young.map(|e| 1e-3 * e));
-        let tolerance = scene.solver.tolerance.unwrap_or(0.01);
-        let mut edits: Vec<(&str, &str, Value)> = Vec::new();
-        egui::Grid::new("matter").num_columns(2).show(ui, |ui| {
-            ui.label("Step");
-            if let Some(dt) = edited(ui, "dt", dt, (0.01..=1000.0, 0.1, " ms")) {
-                edits.push(("solver", "dt", Value::from(1e-3 * dt)));
-            }
-            ui.end_row();
-            if let Some(young) = young {
-                ui.label("Young's modulus");
-                if let Some(young) = edited(ui, "young", young, (0.01..=1e6, 0.1, " kPa")) {
-                    edits.push(("material", "young", Value::from(1e3 * young)));
-                }
-                ui.end_row();
-            }
-            ui.label("Tolerance");
-            if let Some(tolerance) = edited(ui, "tolerance", tolerance, (1e-8..=0.3, 0.001, "")) {
-                edits.push(("solver", "tolerance", Value::from(tolerance)));
-            }
-            ui.end_row();
-        });
-        let gravity = scene.solver.gravity.unwrap_or([0.0; 3]);
-        for (table, key, value) in edits {
-            self.edit_body(key, context, |t| {
-                let solver = t.get("solver").and_then(Item::as_table_like);
-                if table == "solver" && solver.is_none_or(|s| s.get("name").is_none()) {
-                    set(t, "solver", "name", Some(Value::from("implicit")));
-                    set(t, "solver", "gravity", Some(numbers(gravity)));
-                    set(t, "solver", "dt", Some(Value::from(1e-3 * dt)));
-                    set(t, "solver", "tolerance", Some(Value::from(tolerance)));
-                }
-                set(t, table, key, Some(value));
-            });
-        }
-    }
 }
 
 fn section(ui: &mut egui::Ui, name: &str, open: bool, add: impl FnOnce(&mut egui::Ui)) {
@@ -629,7 +583,7 @@ fn section(ui: &mut egui::Ui, name: &str, open: bool, add: impl FnOnce(&mut egui
 }
 
 /// A number that is dragged or typed: what it was changed to, once that is done.
-fn edited(
+pub(crate) fn edited(
     ui: &mut egui::Ui,
     name: &str,
     value: f64,

@@ -1,5 +1,6 @@
 //! A body that is open: stepped as time goes by, touched, drawn.
 
+use crate::touches::{Before, Touch, Touches};
 use glam::{DVec2, DVec3};
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Blade, TetMesh, Topology};
@@ -77,8 +78,12 @@ pub struct Show {
     finger: std::result::Result<usize, String>,
     press: Option<Press>,
     grab: Option<(GrabId, DVec3)>,
-    /// Where it is to be cut.
-    blade: Option<Blade>,
+    /// Where it is to be cut, after how many edits of the scene, and whether again.
+    blade: Option<(Blade, usize, bool)>,
+    /// What was done to it by hand.
+    pub touches: Touches,
+    /// The scene that it was made of.
+    made: Scene,
     /// What was measured since the last press began.
     pub samples: Vec<Sample>,
     /// Whether time goes by.
@@ -116,9 +121,10 @@ impl Show {
     /// # Errors
     /// As [`Stage::with_mesh`].
     pub fn new(gpu: &Gpu, scene: &Scene, mesh: Arc<TetMesh>, radius: Option<f64>) -> Result<Show> {
+        let made = scene.clone();
         let (mut scene, touchable) = held(scene);
         let mut radius = radius;
-        let (stage, finger) = match touchable {
+        let (mut stage, finger) = match touchable {
             Ok(()) => {
                 let radius = *radius.get_or_insert_with(|| fitting_radius(&mesh));
                 let (away, number) = (put_away(mesh.bounds()), led(&scene));
@@ -156,6 +162,10 @@ impl Show {
                 .tool
                 .iter()
                 .any(|t| t.path.is_some() || t.file.is_some() || t.turn.is_some());
+        if stage.motion().is_some_and(Motion::has_state) {
+            // Cuts are undone by these.
+            stage.keep_checkpoints();
+        }
         let now = Instant::now();
         let unit = stage.motion().map(|m| m.length_unit());
         // Several bodies and grids have made their own.
@@ -176,6 +186,8 @@ impl Show {
             press: None,
             grab: None,
             blade: None,
+            touches: Touches::default(),
+            made,
             samples: Vec::new(),
             speed: 1.0,
             owed: 0.0,
@@ -510,19 +522,31 @@ impl Show {
         Ok(())
     }
 
-    /// Cuts along `blade`, as soon as no step is under way; what came of it is a remark.
-    pub fn cut(&mut self, blade: Blade) {
-        self.blade = Some(blade);
+    /// Cuts along `blade`, as soon as no step is under way, after so many edits of the scene; what
+    /// came of it is a remark.
+    pub fn cut(&mut self, blade: Blade, edits: usize) {
+        self.blade = Some((blade, edits, false));
     }
 
     /// Cuts where it was asked for; between two steps.
     fn cut_asked(&mut self) -> Result<()> {
-        let Some(blade) = self.blade.take() else {
+        let Some((blade, edits, again)) = self.blade.take() else {
             return Ok(());
         };
         self.version += 1;
+        let before = self.before()?;
         self.remark = Some(match self.stage.cut(&blade)? {
-            true => format!("cut; {} tets now", self.stage.mesh().tets.len()),
+            true => {
+                match before {
+                    Some(before) => {
+                        let touch = Touch::Cut(blade, Box::new(before));
+                        self.touches.push(edits, touch, again);
+                    }
+                    // What was done before cannot be undone either.
+                    None => self.touches = Touches::default(),
+                }
+                format!("cut; {} tets now", self.stage.mesh().tets.len())
+            }
             false => "the stroke cut nothing".into(),
         });
         self.stirred = true;
@@ -532,21 +556,96 @@ impl Show {
         Ok(())
     }
 
-    /// Holds what is within the finger's radius of `pick` where it is. How many nodes that are.
+    /// The body as it stands between two steps; none of one whose state cannot be had.
+    fn before(&self) -> Result<Option<Before>> {
+        let Some(motion) = self.stage.motion().filter(|m| m.has_state()) else {
+            return Ok(None);
+        };
+        let pinned = motion.simulator.loads().pinned().iter().enumerate();
+        let pinned = pinned.filter_map(|(v, pinned)| pinned.then_some(v as u32));
+        Ok(Some(Before {
+            pinned: pinned.collect(),
+            checkpoint: self.stage.checkpoint(&[])?,
+        }))
+    }
+
+    /// Lets go of the nodes that the last touch held.
     ///
     /// # Errors
     /// [`Error::Input`] where nothing moves.
-    pub fn pin(&mut self, pick: &Pick) -> Result<usize> {
+    pub fn undo_pins(&mut self) -> Result<()> {
+        let Some(touch) = self.touches.undo() else {
+            return Ok(());
+        };
+        let Touch::Pins(nodes) = touch.as_ref() else {
+            return Ok(());
+        };
+        let motion = self.stage.motion_mut().ok_or_else(still)?;
+        let loads = motion.simulator.loads_mut();
+        let pinned = loads.pinned().iter().enumerate();
+        let left = pinned.filter_map(|(v, pinned)| pinned.then_some(v as u32));
+        let left: Vec<u32> = left.filter(|v| !nodes.contains(v)).collect();
+        loads.unpin_all();
+        motion.simulator.pin_nodes(&left)?;
+        self.stirred = true;
+        Ok(())
+    }
+
+    /// Does again what was undone last, after so many edits of the scene.
+    ///
+    /// # Errors
+    /// As [`Show::hold`].
+    pub fn redo(&mut self, edits: usize) -> Result<()> {
+        match self.touches.redo().as_deref() {
+            Some(Touch::Cut(blade, _)) => self.blade = Some((blade.clone(), edits, true)),
+            Some(Touch::Pins(nodes)) => {
+                let motion = self.stage.motion_mut().ok_or_else(still)?;
+                motion.simulator.pin_nodes(nodes)?;
+                self.touches.push(edits, Touch::Pins(nodes.clone()), true);
+                self.stirred = true;
+            }
+            None => {}
+        }
+        Ok(())
+    }
+
+    /// Holds nodes where they are, after so many edits of the scene; in a stroke that begins, or goes
+    /// on. How many of them were not held before.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing moves.
+    pub fn hold(&mut self, nodes: &[u32], edits: usize, begins: bool) -> Result<usize> {
+        let motion = self.stage.motion_mut().ok_or_else(still)?;
+        let pinned = motion.simulator.loads().pinned();
+        let free = |v: &u32| pinned.get(*v as usize) == Some(&false);
+        let fresh: Vec<u32> = nodes.iter().copied().filter(free).collect();
+        motion.simulator.pin_nodes(&fresh)?;
+        if !fresh.is_empty() {
+            match begins {
+                true => {
+                    let count = fresh.len();
+                    self.touches.push(edits, Touch::Pins(fresh), false);
+                    return Ok(count);
+                }
+                false => self.touches.extend(edits, &fresh),
+            }
+        }
+        Ok(fresh.len())
+    }
+
+    /// Holds what is within the finger's radius of `pick` where it is, as [`Show::hold`].
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing moves.
+    pub fn pin(&mut self, pick: &Pick, edits: usize, begins: bool) -> Result<usize> {
         let radius = self.radius;
         let x = self.stage.drawn_positions()?;
-        let motion = self.stage.motion_mut().ok_or_else(still)?;
         let near = |(v, x): (usize, &DVec3)| (x.distance(pick.point) <= radius).then_some(v as u32);
         let mut nodes: Vec<u32> = x.iter().enumerate().filter_map(near).collect();
         if nodes.is_empty() {
             nodes.push(pick.node);
         }
-        motion.simulator.pin_nodes(&nodes)?;
-        Ok(nodes.len())
+        self.hold(&nodes, edits, begins)
     }
 
     /// Records the picture of `camera` into `colour`, on `backdrop`.
@@ -578,6 +677,43 @@ impl Show {
     pub fn force(&self) -> Option<f64> {
         let last = self.samples.last().filter(|_| self.press.is_some());
         last.map(|sample| sample.force_n)
+    }
+}
+
+/// What a body is made anew from, on another thread.
+pub struct Anew {
+    made: Scene,
+    mesh: Arc<TetMesh>,
+    radius: f64,
+    touches: Touches,
+}
+
+impl Anew {
+    /// Of a body, whose last touch is to be undone.
+    pub fn of(show: &Show) -> Anew {
+        let mut touches = show.touches.clone();
+        touches.undo();
+        Anew {
+            made: show.made.clone(),
+            mesh: show.mesh.clone(),
+            radius: show.radius,
+            touches,
+        }
+    }
+
+    /// The body as it was before.
+    ///
+    /// # Errors
+    /// As [`Show::new`] and [`Stage::resume`].
+    pub fn back(self, gpu: &Gpu, before: &Before) -> Result<Show> {
+        let mut show = Show::new(gpu, &self.made, self.mesh, Some(self.radius))?;
+        show.stage.resume(&before.checkpoint)?;
+        if let Some(motion) = show.stage.motion_mut() {
+            motion.simulator.pin_nodes(&before.pinned)?;
+        }
+        show.touches = self.touches;
+        show.notes = vec!["the cut is undone".into()];
+        Ok(show)
     }
 }
 

@@ -1,0 +1,202 @@
+//! The panel of what the body is made of and how it moves.
+
+use crate::app::App;
+use crate::document::{numbers, set};
+use crate::panels::edited;
+use eframe::egui;
+use palpate::physics::{EngineChoice, TISSUES};
+use palpate::scene::{Scene, TissueEntry};
+use toml_edit::{Array, DocumentMut, Item, Table, Value};
+
+/// What computes steps, and what that is called here.
+const ENGINES: [(&str, &str); 3] = [
+    ("auto", "what suits"),
+    ("cpu", "processor"),
+    ("gpu", "graphics card"),
+];
+/// Schemes, and what is said of them.
+const SCHEMES: [(&str, &str); 7] = [
+    (
+        "implicit",
+        "first order, stable at any step; may be pressed on",
+    ),
+    ("bdf2", "second order, on the processor; may be pressed on"),
+    ("midpoint", "second order, keeps energy, on the processor"),
+    ("explicit", "small steps alone"),
+    ("symplectic", "small steps, keeps energy"),
+    ("verlet", "small steps, keeps energy"),
+    ("velocity-verlet", "small steps, keeps energy"),
+];
+
+/// Where an entry stands, and what it becomes.
+type Edit = (&'static str, &'static str, Value);
+
+impl App {
+    /// What the body is made of and how it moves: it begins anew where that is changed.
+    pub(crate) fn matter(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
+        let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
+            return;
+        };
+        let Some(motion) = show.stage().motion() else {
+            ui.label("Nothing moves");
+            return;
+        };
+        let (dt, scheme) = (1e3 * motion.dt, motion.kind().to_string());
+        let (engine, by) = (motion.engine(), scene.solver.engine);
+        let tolerance = scene.solver.tolerance.unwrap_or(0.01);
+        let mut edits: Vec<Edit> = Vec::new();
+        let mut stiffer = None;
+        egui::Grid::new("matter").num_columns(2).show(ui, |ui| {
+            ui.label("Computed by");
+            let chosen = match by {
+                Some(EngineChoice::This(engine)) => engine.to_string(),
+                _ => "auto".to_owned(),
+            };
+            let called = ENGINES.iter().find(|(name, _)| *name == chosen);
+            let called = match called {
+                Some(("auto", called)) => format!("{called} ({engine})"),
+                Some((_, called)) => (*called).to_owned(),
+                None => chosen.clone(),
+            };
+            if let Some(name) = choice(ui, "engine", &called, &chosen, &ENGINES) {
+                let value = Value::from(name);
+                edits.push(("solver", "engine", value));
+            }
+            ui.end_row();
+            ui.label("Scheme");
+            let schemes = SCHEMES.map(|(name, _)| (name, name));
+            if let Some(name) = choice(ui, "scheme", &scheme, &scheme, &schemes) {
+                edits.push(("solver", "name", Value::from(name)));
+            }
+            ui.end_row();
+            if let Some((_, about)) = SCHEMES.iter().find(|(name, _)| *name == scheme) {
+                ui.label("");
+                ui.weak(*about);
+                ui.end_row();
+            }
+            ui.label("Step");
+            if let Some(dt) = edited(ui, "dt", dt, (0.01..=1000.0, 0.1, " ms")) {
+                edits.push(("solver", "dt", Value::from(1e-3 * dt)));
+            }
+            ui.end_row();
+            ui.label("Tolerance");
+            if let Some(tolerance) = edited(ui, "tolerance", tolerance, (1e-8..=0.3, 0.001, "")) {
+                edits.push(("solver", "tolerance", Value::from(tolerance)));
+            }
+            ui.end_row();
+            if let Some(young) = scene.material.young {
+                ui.label("Young's modulus");
+                if let Some(young) = edited(ui, "young", 1e-3 * young, (0.01..=1e9, 0.1, " kPa")) {
+                    edits.push(("material", "young", Value::from(1e3 * young)));
+                }
+                ui.end_row();
+            }
+            for (name, young) in stiffnesses(&scene) {
+                ui.label(format!("  of {name}"));
+                let id = format!("young of {name}");
+                if let Some(young) = edited(ui, &id, 1e-3 * young, (0.01..=1e9, 0.1, " kPa")) {
+                    stiffer = Some((name, 1e3 * young));
+                }
+                ui.end_row();
+            }
+        });
+        if let Some((name, young)) = stiffer {
+            let what = format!("young of {name}");
+            self.edit_body(&what, context, |t| set_stiffness(t, &name, young));
+        }
+        let gravity = scene.solver.gravity.unwrap_or([0.0; 3]);
+        for (table, key, value) in edits {
+            self.edit_body(key, context, |t| {
+                let solver = t.get("solver").and_then(Item::as_table_like);
+                if table == "solver" && solver.is_none_or(|s| s.get("name").is_none()) {
+                    set(t, "solver", "name", Some(Value::from("implicit")));
+                    set(t, "solver", "gravity", Some(numbers(gravity)));
+                    set(t, "solver", "dt", Some(Value::from(1e-3 * dt)));
+                    set(t, "solver", "tolerance", Some(Value::from(tolerance)));
+                }
+                set(t, table, key, Some(value));
+            });
+        }
+    }
+}
+
+/// A choice among words, each with what it is called; the word that was chosen, if another one was.
+fn choice<'a>(
+    ui: &mut egui::Ui,
+    name: &str,
+    called: &str,
+    chosen: &str,
+    all: &[(&'a str, &str)],
+) -> Option<&'a str> {
+    let mut picked = None;
+    egui::ComboBox::from_id_salt(name)
+        .selected_text(called)
+        .show_ui(ui, |ui| {
+            for (word, called) in all {
+                if ui.selectable_label(*word == chosen, *called).clicked() && *word != chosen {
+                    picked = Some(*word);
+                }
+            }
+        });
+    picked
+}
+
+/// Young's modulus, Pa, of each tissue of the scene that is not rigid, where it is known.
+fn stiffnesses(scene: &Scene) -> Vec<(String, f64)> {
+    let tissues = scene.material.tissues.iter();
+    let of = |(name, entry): (&String, &TissueEntry)| {
+        let published = TISSUES.iter().find(|t| t.name == name).map(|t| t.young);
+        let young = match entry {
+            TissueEntry::Table(table) if table.rigid => None,
+            TissueEntry::Table(table) => table.young.or(published),
+            TissueEntry::Regions(_) => published,
+        };
+        young.map(|young| (name.clone(), young))
+    };
+    tissues.filter_map(of).collect()
+}
+
+/// Has a tissue of the scene be so stiff, Pa; a list of its regions becomes a table.
+fn set_stiffness(text: &mut DocumentMut, name: &str, young: f64) {
+    let material = text.entry("material").or_insert(Item::Table(Table::new()));
+    let Some(material) = material.as_table_like_mut() else {
+        return;
+    };
+    let regions: Option<Array> = material.get(name).and_then(Item::as_array).cloned();
+    if regions.is_some() || material.get(name).is_none() {
+        material.insert(name, Item::Table(Table::new()));
+    }
+    let Some(tissue) = material.get_mut(name).and_then(Item::as_table_like_mut) else {
+        return;
+    };
+    if let Some(regions) = regions {
+        tissue.insert("regions", Item::Value(Value::Array(regions)));
+    }
+    tissue.insert("young", Item::Value(Value::from(young)));
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn tissues_are_made_stiffer_whichever_way_they_are_written() {
+        let text = "[material]\nyoung = 3e4\nfat = [\"fat\", 2]\nmuscle = { young = 1e4 }\n[material.skin]\nregions = [1]\n";
+        let mut document: DocumentMut = text.parse().unwrap();
+        let scene = |d: &DocumentMut| Scene::parse_in(&d.to_string(), Path::new("")).unwrap();
+        let before = stiffnesses(&scene(&document));
+        let names: Vec<&str> = before.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["fat", "muscle", "skin"]);
+        for (name, _) in &before {
+            set_stiffness(&mut document, name, 5e4);
+        }
+        let after = stiffnesses(&scene(&document));
+        assert!(after.iter().all(|(_, young)| *young == 5e4), "{document}");
+        assert!(
+            document.to_string().contains("regions = [\"fat\", 2]"),
+            "{document}"
+        );
+    }
+}
