@@ -139,6 +139,9 @@ pub struct App {
     pub(crate) watched: Option<Watched>,
     /// A picture that is saved as soon as it is there.
     pub(crate) saved_picture: Option<SavedPicture>,
+    /// A film that is being made.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub(crate) recording: Option<crate::recording::Recording>,
     log: Option<FrameLog>,
     /// Whether the panels are shown, where somebody said.
     pub(crate) panels_shown: Option<bool>,
@@ -194,6 +197,8 @@ impl App {
             screen: Screen::default(),
             watched: None,
             saved_picture: None,
+            #[cfg(not(target_arch = "wasm32"))]
+            recording: None,
             log: log.map_err(|e| e.to_string())?,
             panels_shown: None,
             told: None,
@@ -324,6 +329,8 @@ impl eframe::App for App {
         self.take_over(&context);
         let saved = self.save_arrived(&context);
         self.tell_error(saved);
+        #[cfg(not(target_arch = "wasm32"))]
+        self.film(&context);
         self.watch(&context);
         self.keys(&context);
         if let Some(show) = &mut self.show {

@@ -16,9 +16,22 @@ pub(crate) enum Saved {
     Mesh,
     /// What the last press measured.
     Press,
+    /// What is done from now on.
+    #[cfg(not(target_arch = "wasm32"))]
+    Film,
 }
 
 impl Saved {
+    /// Whether it has a size in pixels.
+    fn has_size(self) -> bool {
+        match self {
+            Saved::Picture => true,
+            #[cfg(not(target_arch = "wasm32"))]
+            Saved::Film => true,
+            _ => false,
+        }
+    }
+
     /// What it is called, what its file is called after the body, and which endings it may have.
     fn named(self) -> (&'static str, &'static str, &'static [&'static str]) {
         match self {
@@ -30,6 +43,8 @@ impl Saved {
                 &["vtu", "vtk", "msh", "mesh", "inp"],
             ),
             Saved::Press => ("Save press", "_press.csv", &["csv"]),
+            #[cfg(not(target_arch = "wasm32"))]
+            Saved::Film => ("Save a film", ".gif", &["gif", "mp4"]),
         }
     }
 }
@@ -93,7 +108,7 @@ impl App {
                 if ui.memory(|m| m.focused().is_none()) && !entered {
                     response.request_focus();
                 }
-                if ask.what == Some(Saved::Picture) {
+                if ask.what.is_some_and(Saved::has_size) {
                     ui.horizontal(|ui| {
                         let [width, height] = &mut self.picture;
                         ui.add(egui::DragValue::new(width).range(16..=8192));
@@ -131,7 +146,7 @@ impl App {
                 self.ask = Some(ask);
             }
             (Some(true), Some(what)) => {
-                if let Err(why) = self.save(what, &path) {
+                if let Err(why) = self.save(what, &path, context) {
                     self.tell_error(Err(why));
                     self.ask = Some(ask);
                 }

@@ -21,6 +21,8 @@ mod opening;
 pub mod orbit;
 mod panels;
 mod picture;
+#[cfg(not(target_arch = "wasm32"))]
+mod recording;
 mod saving;
 pub mod screen;
 pub mod settings;

@@ -232,6 +232,12 @@ impl App {
         if item(ui, open, "Save body as it is…", None) {
             self.ask_place(Saved::Mesh);
         }
+        #[cfg(not(target_arch = "wasm32"))]
+        match self.recording.is_some() {
+            false if item(ui, open, "Save a film…", None) => self.ask_place(Saved::Film),
+            true if item(ui, true, "Stop the film", None) => self.end_film(),
+            _ => {}
+        }
         ui.separator();
         if item(ui, true, "Quit", None) {
             context.send_viewport_cmd(egui::ViewportCommand::Close);
@@ -337,6 +343,19 @@ impl App {
                 }
                 if rest {
                     self.restart(None, None, &context);
+                }
+            }
+            #[cfg(not(target_arch = "wasm32"))]
+            if let Some(seconds) = self.films() {
+                ui.separator();
+                let (dot, _) = ui.allocate_exact_size(egui::vec2(10.0, 10.0), egui::Sense::hover());
+                let red = ui.visuals().error_fg_color;
+                ui.painter().circle_filled(dot.center(), 5.0, red);
+                if ui
+                    .button(format!("Stop the film, {seconds:.0} s"))
+                    .clicked()
+                {
+                    self.end_film();
                 }
             }
             ui.separator();

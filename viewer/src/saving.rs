@@ -3,6 +3,7 @@
 use crate::app::App;
 use crate::ask::Saved;
 use crate::system;
+use eframe::egui;
 use palpate::render::Image;
 use palpate::scene::PendingImage;
 use palpate::{Error, Result, io};
@@ -16,12 +17,19 @@ impl App {
     ///
     /// # Errors
     /// What drawing or writing gives.
-    pub(crate) fn save(&mut self, what: Saved, file: &Path) -> Result<()> {
+    pub(crate) fn save(
+        &mut self,
+        what: Saved,
+        file: &Path,
+        #[cfg_attr(target_arch = "wasm32", allow(unused))] context: &egui::Context,
+    ) -> Result<()> {
         let camera = self.orbit.camera();
         let (Some(document), Some(show)) = (&self.document, &mut self.show) else {
             return Ok(());
         };
         match what {
+            #[cfg(not(target_arch = "wasm32"))]
+            Saved::Film => return self.begin_film(file, context),
             // A browser cannot wait for it.
             Saved::Picture if cfg!(target_arch = "wasm32") => {
                 let pending = self.ask_picture(self.picture)?;
@@ -92,7 +100,7 @@ impl App {
     ///
     /// # Errors
     /// As [`App::save`].
-    pub(crate) fn save_arrived(&mut self, context: &eframe::egui::Context) -> Result<()> {
+    pub(crate) fn save_arrived(&mut self, context: &egui::Context) -> Result<()> {
         let Some((mut pending, file)) = self.saved_picture.take() else {
             return Ok(());
         };

@@ -1,0 +1,195 @@
+//! Films of what is done in the window, as fast as it is done.
+
+use crate::app::App;
+use eframe::egui;
+use palpate::render::{Background, Film, Image};
+use palpate::scene::PendingImage;
+use palpate::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, channel, sync_channel};
+use std::time::{Duration, Instant};
+
+/// Pictures a second.
+const FPS: f64 = 12.0;
+/// Pictures that wait to be written; where there are more, the next stands for longer.
+const WAITING: usize = 8;
+
+/// A film that is being made.
+pub(crate) struct Recording {
+    file: PathBuf,
+    size: [u32; 2],
+    began: Instant,
+    /// Pictures of the film that were handed on.
+    handed: u64,
+    pending: Option<PendingImage>,
+    /// To the thread that writes: each with how many pictures of the film it is. None once it ends.
+    pictures: Option<SyncSender<(Image, u64)>>,
+    ended: Receiver<Result<u64>>,
+}
+
+impl Recording {
+    /// Begins a film.
+    ///
+    /// # Errors
+    /// As [`Film::create`].
+    fn begin(file: &Path, size: [u32; 2], context: &egui::Context) -> Result<Recording> {
+        let film = Film::create(file, size, FPS)?;
+        let (pictures, written) = sync_channel(WAITING);
+        let (end, ended) = channel();
+        let context = context.clone();
+        std::thread::spawn(move || {
+            // Who is gone waits for nothing.
+            let _ = end.send(write(film, &written));
+            context.request_repaint();
+        });
+        Ok(Recording {
+            file: file.to_path_buf(),
+            size,
+            began: Instant::now(),
+            handed: 0,
+            pending: None,
+            pictures: Some(pictures),
+            ended,
+        })
+    }
+
+    /// How many pictures the film is to have by now.
+    fn due(&self) -> u64 {
+        (FPS * self.began.elapsed().as_secs_f64()) as u64 + 1
+    }
+
+    /// Hands a picture on, for all that are due.
+    fn hand(&mut self, image: Image) {
+        let count = self.due().saturating_sub(self.handed).max(1);
+        let Some(pictures) = &self.pictures else {
+            return;
+        };
+        match pictures.try_send((image, count)) {
+            Ok(()) => self.handed += count,
+            Err(TrySendError::Full(_)) => {}
+            // It says itself why it ended.
+            Err(TrySendError::Disconnected(_)) => self.pictures = None,
+        }
+    }
+}
+
+/// Writes pictures until no more come. How many there are.
+fn write(mut film: Film, pictures: &Receiver<(Image, u64)>) -> Result<u64> {
+    let mut all = 0;
+    while let Ok((image, count)) = pictures.recv() {
+        for _ in 0..count {
+            film.push(&image, Background::Black)?;
+        }
+        all += count;
+    }
+    film.finish()?;
+    Ok(all)
+}
+
+impl App {
+    /// Begins a film of what is seen from now on, in the size of saved pictures.
+    ///
+    /// # Errors
+    /// As [`Film::create`].
+    pub(crate) fn begin_film(&mut self, file: &Path, context: &egui::Context) -> Result<()> {
+        self.recording = Some(Recording::begin(file, self.picture, context)?);
+        self.say("the film goes on until it is stopped, at the bottom".into());
+        Ok(())
+    }
+
+    /// For how long a film has been going on, s, where one is.
+    pub(crate) fn films(&self) -> Option<f64> {
+        let recording = self.recording.as_ref();
+        let recording = recording.filter(|r| r.pictures.is_some());
+        recording.map(|r| r.began.elapsed().as_secs_f64())
+    }
+
+    /// Ends the film; it is there once what waits is written.
+    pub(crate) fn end_film(&mut self) {
+        if let Some(recording) = &mut self.recording {
+            recording.pictures = None;
+            recording.pending = None;
+            self.say("writing what is left of the film".into());
+        }
+    }
+
+    /// Takes pictures of the film, and tells what became of it.
+    pub(crate) fn film(&mut self, context: &egui::Context) {
+        let Some(mut recording) = self.recording.take() else {
+            return;
+        };
+        match recording.ended.try_recv() {
+            Ok(Ok(count)) => {
+                let seconds = count as f64 / FPS;
+                let file = recording.file.display();
+                return self.say(format!("saved {file}, {seconds:.1} s"));
+            }
+            Ok(Err(why)) => return self.tell_error(Err(why)),
+            Err(TryRecvError::Disconnected) => {
+                let why = "writing the film ended without a word; this is a mistake in the program";
+                return self.tell_error(Err(Error::Input(why.into())));
+            }
+            Err(TryRecvError::Empty) => {}
+        }
+        let taken = self.take_picture(&mut recording);
+        self.recording = Some(recording);
+        if taken.is_err() {
+            self.end_film();
+        }
+        self.tell_error(taken);
+        context.request_repaint_after(Duration::from_secs_f64(0.5 / FPS));
+    }
+
+    fn take_picture(&mut self, recording: &mut Recording) -> Result<()> {
+        if recording.pictures.is_none() || self.show.is_none() {
+            return Ok(());
+        }
+        if let Some(mut pending) = recording.pending.take() {
+            match pending.look()? {
+                Some(image) => recording.hand(image),
+                None => recording.pending = Some(pending),
+            }
+        }
+        if recording.pending.is_none() && recording.due() > recording.handed {
+            recording.pending = Some(self.ask_picture(recording.size)?);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_film_lasts_as_long_as_what_it_shows() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("film.gif");
+        let mut recording = Recording::begin(&file, [16, 12], &egui::Context::default()).unwrap();
+        let picture = |grey: f32| Image {
+            size: [16, 12],
+            channels: 4,
+            values: [grey, grey, grey, 1.0].repeat(16 * 12),
+        };
+        recording.hand(picture(0.2));
+        std::thread::sleep(Duration::from_millis(500));
+        // One that took long stands for all that were due.
+        recording.hand(picture(0.8));
+        let handed = recording.handed;
+        assert!((6..=12).contains(&handed), "{handed}");
+        assert!(!file.exists(), "it has its name once it is whole");
+        recording.pictures = None;
+        let wait = recording.ended.recv_timeout(Duration::from_secs(20));
+        assert_eq!(wait.unwrap().unwrap(), handed);
+        assert!(std::fs::read(&file).unwrap().starts_with(b"GIF89a"));
+        assert!(
+            Recording::begin(
+                &folder.path().join("film.txt"),
+                [16, 12],
+                &egui::Context::default()
+            )
+            .is_err()
+        );
+    }
+}
