@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from . import _palpate
 from ._camera import Camera
 from ._errors import InputError, SolverError
 from ._mesh import Mesh, Points
@@ -40,7 +41,14 @@ class Touched:
 
     def __init__(self, body: BodyLike, adapter: str | None = None) -> None:
         self.scene = Scene.of(body)
-        self.rest = self.scene.load_mesh()
+        entries = self.scene.entries
+        made: _palpate.Stage | None = None
+        if entries.get("body") or entries.get("grid"):
+            # They make their own.
+            made = stage_of(self.scene, adapter)
+            self.rest = Mesh._of(made.mesh())
+        else:
+            self.rest = self.scene.load_mesh()
         low, high = (np.array(corner) for corner in self.rest.bounds)
         self.bounds = (low, high)
         self.diagonal = float(np.linalg.norm(high - low))
@@ -50,7 +58,7 @@ class Touched:
         self.finger: int | str
         moving, self.finger = self._with_finger()
         try:
-            self._stage = stage_of(moving, adapter)
+            self._stage = made or stage_of(moving, adapter)
         except InputError as why:
             if isinstance(self.finger, str):
                 raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -139,10 +140,9 @@ def test_rays_are_those_of_pictures(ball: palpate.View) -> None:
         assert np.allclose(origin + seen.distance * direction, seen.point, atol=1e-4 * touched.diagonal)
 
 
-def test_a_scene_of_several_bodies_is_looked_at_alone() -> None:
-    from pathlib import Path
-
-    scene = Path(__file__).resolve().parents[2] / "data/scenes/bars.toml"
+@pytest.mark.parametrize("name", ["three_bodies", "foot_bones"])
+def test_what_cannot_be_pressed_is_looked_at(name: str) -> None:
+    scene = Path(__file__).resolve().parents[2] / f"data/scenes/{name}.toml"
     view = palpate.View(scene, size=(80, 60))
     shown = Shown(view)
     assert shown.rest().max() > 20
