@@ -130,6 +130,16 @@ pub trait Simulator: Send {
         Ok(Vec::new())
     }
 
+    /// What all else of the body exerts on the rigid region with this label where it stands, by contact
+    /// and by what is soft around it: the force, and its moment about the region's centre of mass.
+    /// None where there is no such region, or a GPU steps it. After the steps asked for.
+    ///
+    /// # Errors
+    /// As [`Simulator::finish`].
+    fn region_force(&mut self, _: i64) -> Result<Option<Reaction>> {
+        Ok(None)
+    }
+
     /// Leads nodes of the mesh along from now on: they are where [`Loads::set_led`] says, whatever
     /// pulls at them.
     ///

@@ -1,10 +1,12 @@
 //! Tools that are not led but carried: rigid bodies with mass, free or held by a spring. They are
-//! rigid regions of the body's mesh, which feel it by contact of the body with itself.
+//! rigid regions of the body's mesh, which feel it by contact of the body with itself. What is no
+//! sphere, capsule or box is meshed.
 
 use super::tool::look;
 use super::{ContactEntry, GrabEntry, LabelOrName, Scene, TissueEntry, TissueTable, ToolEntry};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::mesher::tets_in;
 use crate::physics::{Shape, Tool, ToolPose};
 use crate::skin::{Carrier, Mapping, Skin};
 use crate::{Error, Result};
@@ -20,6 +22,76 @@ const QUARTERED: usize = 2;
 /// The size of the core by which a spring holds a tool, over the ball that fits into it.
 const CORE: f64 = 0.5;
 
+/// A closed surface is filled with about so many tets.
+const TETS: usize = 3000;
+
+/// A spring holds a tool of any other shape by so many nodes nearest to its centre of mass.
+const HELD: usize = 12;
+
+/// A tool as nodes and tets in its own frame, and the ball of nodes by which a spring holds it.
+struct Solid {
+    nodes: Vec<DVec3>,
+    tets: Vec<[u32; 4]>,
+    middle: DVec3,
+    reach: f64,
+}
+
+impl Solid {
+    fn of(entry: &ToolEntry, shape: &Shape, name: &str) -> Result<Solid> {
+        let convex = match (shape, &entry.surface) {
+            (Shape::Field(_), Some(file)) => {
+                let mesh = tets_in(file, TETS)?;
+                return Ok(Solid::held(mesh.nodes, mesh.tets));
+            }
+            (Shape::Sphere { radius }, _) => Convex::round(*radius, 0.0),
+            (Shape::Capsule { radius, length }, _) => Convex::round(*radius, *length),
+            (Shape::Box { half }, _) => Convex::cuboid(*half),
+            (Shape::Plane | Shape::Field(_), _) => {
+                return Err(Error::Input(format!(
+                    "the [[tool]] {name} has a mass or a spring, which spheres, capsules, boxes and closed surfaces can have; leave both out"
+                )));
+            }
+        };
+        let (nodes, tets) = convex.filled();
+        Ok(Solid {
+            nodes,
+            tets,
+            middle: DVec3::ZERO,
+            reach: 1.01 * CORE * convex.within,
+        })
+    }
+
+    /// Tets that a spring holds about their centre of mass.
+    fn held(nodes: Vec<DVec3>, tets: Vec<[u32; 4]>) -> Solid {
+        let (mut all, mut first) = (0.0, DVec3::ZERO);
+        for tet in &tets {
+            let corners = tet.map(|v| nodes[v as usize]);
+            let volume = volume(&corners);
+            all += volume;
+            first += volume * corners.iter().sum::<DVec3>() / 4.0;
+        }
+        let middle = first / all;
+        let mut far: Vec<f64> = nodes.iter().map(|p| p.distance(middle)).collect();
+        far.sort_by(f64::total_cmp);
+        let last = far.iter().take(HELD).next_back();
+        Solid {
+            reach: 1.001 * last.copied().unwrap_or(0.0),
+            nodes,
+            tets,
+            middle,
+        }
+    }
+
+    fn volume(&self) -> f64 {
+        let of = |tet: &[u32; 4]| volume(&tet.map(|v| self.nodes[v as usize]));
+        self.tets.iter().map(of).sum()
+    }
+}
+
+fn volume([a, b, c, d]: &[DVec3; 4]) -> f64 {
+    (b - a).cross(c - a).dot(d - a) / 6.0
+}
+
 /// The surface of a convex shape about its middle, in its own frame.
 struct Convex {
     vertices: Vec<DVec3>,
@@ -29,17 +101,6 @@ struct Convex {
 }
 
 impl Convex {
-    fn of(shape: &Shape, name: &str) -> Result<Convex> {
-        match *shape {
-            Shape::Sphere { radius } => Ok(Convex::round(radius, 0.0)),
-            Shape::Capsule { radius, length } => Ok(Convex::round(radius, length)),
-            Shape::Box { half } => Ok(Convex::cuboid(half)),
-            Shape::Plane | Shape::Field(_) => Err(Error::Input(format!(
-                "the [[tool]] {name} has a mass or a spring, which spheres, capsules and boxes can have; give it a path, or mesh its surface (palpate mesh) and add it by [[mesh.join]] with a material that is rigid"
-            ))),
-        }
-    }
-
     /// A ball that is drawn out by `length` along z.
     fn round(radius: f64, length: f64) -> Convex {
         let (mut vertices, mut triangles) = icosahedron();
@@ -205,15 +266,19 @@ impl Scene {
             gap: None,
         };
         tool.check()?;
-        let convex = Convex::of(&tool.shape, &name)?;
-        let (mut nodes, tets) = convex.filled();
-        nodes.iter_mut().for_each(|p| *p = at + turn * *p);
-        let volume = tets.iter().map(|tet| {
-            let [a, b, c, d] = tet.map(|v| nodes[v as usize]);
-            (b - a).cross(c - a).dot(d - a) / 6.0
-        });
-        let volume = volume.sum::<f64>() * unit.powi(3);
-        append(mesh, &name, &nodes, &tets)?;
+        let mut solid = Solid::of(entry, &tool.shape, &name)?;
+        for p in &mut solid.nodes {
+            *p = at + turn * *p;
+        }
+        let middle = at + turn * solid.middle;
+        let near = |p: &DVec3| p.distance(middle) <= solid.reach;
+        if entry.spring.is_some() && mesh.nodes.iter().any(near) {
+            return Err(Error::Input(format!(
+                "the [[tool]] {name} is on a spring, which would hold nodes of the body too, since these lie as near to its centre of mass ({middle}); move the tool away, or give it a path and no spring"
+            )));
+        }
+        let volume = solid.volume() * unit.powi(3);
+        append(mesh, &name, &solid.nodes, &solid.tets)?;
         let table = TissueTable {
             regions: Some(vec![LabelOrName::Name(name.clone())]),
             density: Some(entry.mass.map_or(DENSITY, |mass| mass / volume)),
@@ -231,9 +296,9 @@ impl Scene {
         }
         if let Some(spring) = entry.spring {
             self.grab.push(GrabEntry {
-                name: Some(name.clone()),
-                at: at.to_array(),
-                radius: 1.01 * CORE * convex.within,
+                name: Some(format!("{name} spring")),
+                at: middle.to_array(),
+                radius: solid.reach,
                 path: entry.path.clone().unwrap_or_else(|| vec![[0.0; 4]]),
                 release: None,
                 spring: Some(spring),
@@ -366,5 +431,19 @@ mod tests {
             );
             assert!((0..mesh.tets.len()).all(|t| mesh.tet_volume(t) > 0.0));
         }
+    }
+
+    #[test]
+    fn a_solid_is_held_about_its_centre_of_mass() {
+        let shift = DVec3::new(1.0, -2.0, 0.5);
+        let (mut nodes, tets) = Convex::cuboid(DVec3::new(1.0, 2.0, 3.0)).filled();
+        nodes.iter_mut().for_each(|p| *p += shift);
+        let solid = Solid::held(nodes, tets);
+        assert!(solid.middle.distance(shift) < 1e-12, "{}", solid.middle);
+        assert!((solid.volume() - 48.0).abs() < 1e-9);
+        let held = solid.nodes.iter();
+        let held = held.filter(|p| p.distance(solid.middle) <= solid.reach);
+        // The core's nodes and the middle, and, all as far, the corners.
+        assert!(held.count() >= HELD);
     }
 }

@@ -1,6 +1,5 @@
 //! What a picture and a step cost, and what they found: the content of `--report`.
 
-use super::tool::Guided;
 use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
@@ -99,7 +98,7 @@ pub struct ToolReport {
     pub name: String,
     /// N.
     pub force: [f64; 3],
-    /// About the tool's middle, N·m.
+    /// About the tool's middle, of one with a mass or a spring about its centre of mass, N·m.
     pub moment: [f64; 3],
 }
 
@@ -112,14 +111,12 @@ impl Stage {
         let Some(motion) = self.motion_mut() else {
             return Ok(Vec::new());
         };
-        let forces = motion.simulator.tool_forces()?;
-        let tools = motion.actors.tools.iter().zip(forces);
-        let report = |(tool, on): (&Guided, Reaction)| ToolReport {
-            name: tool.name.clone(),
+        let report = |(name, on): (String, Reaction)| ToolReport {
+            name,
             force: on.force.to_array(),
             moment: on.moment.to_array(),
         };
-        Ok(tools.map(report).collect())
+        Ok(motion.on_tools()?.into_iter().map(report).collect())
     }
 
     /// Draws `frames` frames after a warm-up, steps the solver as often if there is one, and

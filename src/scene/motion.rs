@@ -11,7 +11,7 @@ use crate::cage::CageReport;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridShape;
-use crate::physics::{Engine, MemberReport, Progress, Report, Simulator, SolverKind};
+use crate::physics::{Engine, MemberReport, Progress, Reaction, Report, Simulator, SolverKind};
 use glam::DVec3;
 
 /// Steps between two looks at whether all is well, so that progress can be shown.
@@ -41,6 +41,8 @@ pub struct Motion {
     pub(super) pins: Vec<PinSet>,
     /// What acts on the body as time goes on.
     pub(super) actors: Actors,
+    /// Tools that are regions of the mesh: their names.
+    pub(super) carried: Vec<String>,
 }
 
 impl Motion {
@@ -77,7 +79,30 @@ impl Motion {
             reach: setup.reach,
             pins: setup.pins,
             actors: setup.actors,
+            carried: scene
+                .carried
+                .iter()
+                .filter_map(|t| t.name.clone())
+                .collect(),
         })
+    }
+
+    /// What the body exerts on each of its tools, by name: those that are led, then those that are
+    /// carried.
+    pub(super) fn on_tools(&mut self) -> Result<Vec<(String, Reaction)>> {
+        let led = self.simulator.tool_forces()?;
+        let names = self.actors.tools.iter().map(|tool| tool.name.clone());
+        let mut all: Vec<(String, Reaction)> = names.zip(led).collect();
+        for name in &self.carried {
+            let names = &self.simulator.mesh().region_names;
+            let found = names.iter().find(|(_, own)| *own == name);
+            if let Some(label) = found.map(|(label, _)| *label)
+                && let Some(force) = self.simulator.region_force(label)?
+            {
+                all.push((name.clone(), force));
+            }
+        }
+        Ok(all)
     }
 
     /// Runs `steps` steps, telling `progress` how many are done.

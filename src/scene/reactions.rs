@@ -20,7 +20,8 @@ pub(super) struct PinSet {
 
 /// A CSV file of what a body exerts on everything that holds it, for each frame of a run: its time
 /// in s, the name of the pin, move, grab or tool, the force in N and its moment in N·m: about the
-/// origin of the file's coordinates, of a tool about its middle.
+/// origin of the file's coordinates, of a tool about its middle, of one with a mass or a spring about
+/// its centre of mass. The spring has a row of its own, `NAME spring`.
 ///
 /// The force is that of the body in the state of the frame: elastic, damping, the weight of the
 /// nodes held and what else pulls at them, less what accelerates them where they are moved. Of a
@@ -148,9 +149,7 @@ impl Stage {
                 "what nothing moves exerts no reactions: name a solver (--solver implicit, for example)".into(),
             ));
         };
-        let tools = motion.simulator.tool_forces()?;
-        let names = motion.actors.tools.iter().map(|tool| tool.name.clone());
-        let of_tools: Vec<(String, Reaction)> = names.zip(tools).collect();
+        let of_tools = motion.on_tools()?;
         // A GPU knows the forces on its tools, and not those on nodes.
         if motion.simulator.engine() == Engine::Gpu && !of_tools.is_empty() {
             return Ok(of_tools);

@@ -96,9 +96,27 @@ fn a_finger_presses_by_no_more_than_its_force_and_a_weight_lies_where_it_fell() 
             .1
             .force
     };
-    let pressed = force(&mut stage, "finger");
+    let pressed = force(&mut stage, "finger spring");
     assert!((pressed.length() - 3.0).abs() < 1e-3, "{pressed}");
     assert!(pressed.z > 2.9, "{pressed}");
+    // What the body exerts on the tools themselves bears these and what presses on them.
+    let ball = 4.0 / 3.0 * std::f64::consts::PI * 0.015f64.powi(3);
+    let on_finger = force(&mut stage, "finger");
+    let bears = pressed + DVec3::Z * 9.81 * 1000.0 * ball;
+    assert!(on_finger.distance(bears) < 0.03, "{on_finger} {bears}");
+    let on_weight = force(&mut stage, "weight");
+    assert!(
+        on_weight.distance(9.81 * 0.2 * DVec3::Z) < 0.03,
+        "{on_weight}"
+    );
+    let told: Vec<String> = stage
+        .measure(1)
+        .unwrap()
+        .tools
+        .iter()
+        .map(|t| t.name.clone())
+        .collect();
+    assert_eq!(told, ["finger", "weight"]);
     let finger = middle(&stage, "finger");
     assert!(finger.z < 0.114 && finger.z > 0.085, "{finger}");
     // The table bears the body, 1 kg, both tools and the finger's force.
@@ -113,6 +131,81 @@ fn a_finger_presses_by_no_more_than_its_force_and_a_weight_lies_where_it_fell() 
     );
     stage.run(20, &mut |_| {}).unwrap();
     assert!(middle(&stage, "weight").distance(weight) < 1e-3);
+}
+
+/// A closed surface, not convex: an L of 3 by 3 by 1 cm.
+fn bracket() -> std::path::PathBuf {
+    let outline = [
+        [0.0, 0.0],
+        [0.03, 0.0],
+        [0.03, 0.01],
+        [0.01, 0.01],
+        [0.01, 0.03],
+        [0.0, 0.03],
+    ];
+    let flat = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]];
+    let mut text = String::from("solid bracket\n");
+    let mut facet = |corners: [[f64; 3]; 3]| {
+        text += "facet normal 0 0 0\nouter loop\n";
+        for [x, y, z] in corners {
+            text += &format!("vertex {x} {y} {z}\n");
+        }
+        text += "endloop\nendfacet\n";
+    };
+    let at = |k: usize, z: f64| [outline[k % 6][0], outline[k % 6][1], z];
+    for [a, b, c] in flat {
+        facet([at(a, 0.01), at(b, 0.01), at(c, 0.01)]);
+        facet([at(a, 0.0), at(c, 0.0), at(b, 0.0)]);
+    }
+    for k in 0..6 {
+        facet([at(k, 0.0), at(k + 1, 0.0), at(k + 1, 0.01)]);
+        facet([at(k, 0.0), at(k + 1, 0.01), at(k, 0.01)]);
+    }
+    text += "endsolid bracket\n";
+    let file = std::env::temp_dir().join(format!("palpate-bracket-{}.stl", std::process::id()));
+    std::fs::write(&file, text).unwrap();
+    file
+}
+
+#[test]
+fn any_closed_surface_falls_by_its_weight() {
+    let file = bracket();
+    let tool = format!(
+        "[[tool]]\nname = \"bracket\"\nsurface = {:?}\nat = [0.03, 0.03, 0.106]\nmass = 0.05\nfriction = 0.4\n",
+        file.display().to_string()
+    );
+    let mut stage = stage(&format!("{BOX}{tool}"));
+    std::fs::remove_file(&file).unwrap();
+    stage.run(100, &mut |_| {}).unwrap();
+    let all = stage.reactions().unwrap();
+    let (_, on) = all.iter().find(|(name, _)| name == "bracket").unwrap();
+    let weight = 9.81 * 0.05 * DVec3::Z;
+    assert!(on.force.distance(weight) < 0.02, "{} {weight}", on.force);
+    assert!(on.moment.length() < 2e-4, "{}", on.moment);
+    let lies = middle(&stage, "bracket");
+    assert!(lies.z > 0.1 && lies.z < 0.107, "{lies}");
+}
+
+#[test]
+fn a_surface_on_a_spring_follows_its_path() {
+    let file = bracket();
+    let tool = format!(
+        "[[tool]]\nname = \"hook\"\nsurface = {:?}\nat = [0.03, 0.03, 0.13]\npath = [[0.0, 0, 0, 0], [0.2, 0, 0.02, 0]]\nspring = 500\n",
+        file.display().to_string()
+    );
+    let mut stage = stage(&format!("{BOX}{tool}"));
+    std::fs::remove_file(&file).unwrap();
+    let before = middle(&stage, "hook");
+    stage.run(100, &mut |_| {}).unwrap();
+    let moved = middle(&stage, "hook") - before;
+    // The spring gives by the weight of 5 cm³ of water.
+    let goal = DVec3::new(0.0, 0.02, -9.81 * 5e-3 / 500.0);
+    assert!(moved.distance(goal) < 5e-4, "{moved} {goal}");
+    let all = stage.reactions().unwrap();
+    let on = |name: &str| all.iter().find(|(own, _)| own == name).unwrap().1.force;
+    assert!(on("hook").length() < 1e-9, "{}", on("hook"));
+    let borne = on("hook spring");
+    assert!((borne.z + 9.81 * 5e-3).abs() < 2e-3, "{borne}");
 }
 
 #[test]
@@ -144,7 +237,7 @@ fn what_makes_no_sense_is_refused_with_what_would() {
     for (given, said) in [
         (
             "[[tool]]\nplane = {}\nat = [0, 0, 0.2]\nmass = 1\n",
-            "spheres, capsules and boxes",
+            "spheres, capsules, boxes and closed surfaces",
         ),
         (
             "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = -1\n",

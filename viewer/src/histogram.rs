@@ -6,8 +6,8 @@ const BARS: usize = 96;
 /// How often the scalars of a body occur.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// Of the picture that it was counted for.
-    pub version: u64,
+    /// The name of the field, and the number of tets, that it was counted for.
+    pub of: (String, usize),
     /// The smallest and largest scalar.
     pub range: (f64, f64),
     /// From the smallest scalar on, how often each occurs, over the most; as a square root, so that
@@ -17,7 +17,7 @@ pub struct Histogram {
 
 impl Histogram {
     /// Counts those of `values` that lie in `range`.
-    pub fn of(values: &[f64], range: (f64, f64), version: u64) -> Histogram {
+    pub fn of(values: &[f64], range: (f64, f64), of: (String, usize)) -> Histogram {
         let span = (range.1 - range.0).max(f64::MIN_POSITIVE);
         let mut counts = vec![0u32; BARS];
         for value in values {
@@ -28,7 +28,7 @@ impl Histogram {
         }
         let most = counts.iter().copied().max().unwrap_or(0).max(1);
         Histogram {
-            version,
+            of,
             range,
             bars: counts
                 .iter()
@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn what_occurs_is_counted_where_it_is() {
         let values = [0.0, 0.0, 0.0, 0.0, 1.0, 0.5, 7.0, f64::NAN];
-        let histogram = Histogram::of(&values, (0.0, 1.0), 3);
+        let histogram = Histogram::of(&values, (0.0, 1.0), (String::new(), 1));
         assert_eq!(histogram.bars[0], 1.0);
         assert_eq!(histogram.bars[BARS - 1], 0.5);
         assert_eq!(histogram.bars[BARS / 2], 0.5);

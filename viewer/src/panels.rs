@@ -147,12 +147,12 @@ impl App {
     fn transfer_editor(&mut self, ui: &mut egui::Ui, range: (f64, f64)) {
         let Some(show) = &self.show else { return };
         let stage = show.stage();
-        let version = stage.mesh().tets.len() as u64;
         let field = stage.scalar_field();
-        let fresh = |h: &&Histogram| h.version == version && h.range == range;
+        let of = (field.name.clone(), stage.mesh().tets.len());
+        let fresh = |h: &&Histogram| h.of == of && h.range == range;
         if self.histogram.as_ref().filter(fresh).is_none() {
             let values = field.cells.as_ref().unwrap_or(&field.values);
-            self.histogram = Some(Histogram::of(values, range, version));
+            self.histogram = Some(Histogram::of(values, range, of));
         }
         let (low, high) = show.bounds;
         let way = WAY * (high - low).max_element();
@@ -266,8 +266,11 @@ impl App {
         }
         let looks = scene.picture.region;
         let hidden = |name: &String| {
-            scene.picture.hide.contains(name) || looks.get(name).is_some_and(|look| look.hidden)
+            let hide = scene.picture.hide.iter();
+            let mut said = hide.filter(|said| is_called(&show.mesh, name, said));
+            said.next().is_some() || looks.get(name).is_some_and(|look| look.hidden)
         };
+        let known = show.mesh.clone();
         let mut change: Option<(String, RegionLookEntry)> = None;
         for name in &regions {
             let mut look = looks.get(name).cloned().unwrap_or_default();
@@ -314,7 +317,11 @@ impl App {
                     return;
                 };
                 if let Some(hide) = picture.get_mut("hide").and_then(Item::as_array_mut) {
-                    hide.retain(|other| other.as_str() != Some(&name));
+                    hide.retain(|other| {
+                        let said = other.as_str().map(str::to_owned);
+                        let said = said.or(other.as_integer().map(|label| label.to_string()));
+                        !said.is_some_and(|said| is_called(&known, &name, &said))
+                    });
                 }
                 let all = picture.entry("region").or_insert(Item::Table(Table::new()));
                 let Some(all) = all.as_table_like_mut() else {
@@ -654,6 +661,13 @@ fn regions_of(mesh: &TetMesh) -> Vec<String> {
             .unwrap_or_else(|| label.to_string())
     };
     labels.into_iter().map(name).collect()
+}
+
+/// Whether a scene that says `said` means the region `name`: names in any case, or labels.
+fn is_called(mesh: &TetMesh, name: &str, said: &str) -> bool {
+    let mut labels = mesh.region_names.iter();
+    said.eq_ignore_ascii_case(name)
+        || labels.any(|(label, own)| own == name && said == label.to_string())
 }
 
 fn plane_table(plane: &PlaneEntry) -> Table {

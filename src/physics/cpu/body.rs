@@ -311,8 +311,16 @@ impl<T: Real> CpuBody<T> {
         self.attachments.clear();
         self.attachments.extend_from_slice(attachments);
         let (place, rest, units) = (&self.place, &self.rest, &self.units);
-        self.loads.set_draws(attachments, place, rest, units);
         let rigid = self.newton.as_ref().map(|newton| &newton.rigid);
+        // Springs to rigid bodies are a term.
+        let soft = |a: &&Attachment| match a {
+            Attachment::Pull { node, .. } => {
+                rigid.is_none_or(|rigid| rigid.of(place[*node as usize] as usize).is_none())
+            }
+            _ => true,
+        };
+        let draws: Vec<Attachment> = attachments.iter().filter(soft).copied().collect();
+        self.loads.set_draws(&draws, place, rest, units);
         let tethers = rigid.map(|rigid| rigid.tethers(attachments, (place, rest), units));
         self.set_tethers(tethers.unwrap_or_default());
         if !same_nodes {

@@ -1,10 +1,12 @@
 //! What of a body is rigid, as it is set and read from outside.
 
 use super::body::CpuBody;
+use super::loads::{Attachment, Loads};
 use super::real::Real;
-use super::rigid_pose::{CARRIERS, Freedom};
+use super::rigid_pose::{CARRIERS, Freedom, Pose, Rigid, wide};
+use super::sum::Sources;
+use super::terms::At;
 use super::vectors::zero;
-use crate::physics::cpu::loads::Attachment;
 use glam::DVec3;
 
 impl<T: Real> CpuBody<T> {
@@ -105,6 +107,42 @@ impl<T: Real> CpuBody<T> {
         };
         let (u, v) = (&mut self.now.u, &mut self.now.v);
         newton.rigid.fit(of, u, v);
+    }
+
+    /// What all else of the body exerts on each of its rigid bodies where it stands, by contact and
+    /// by what is soft around them: the force, N, and its moment about the centre of mass, N·m.
+    pub fn rigid_forces(&self) -> Vec<[DVec3; 2]> {
+        let Some(newton) = &self.newton else {
+            return Vec::new();
+        };
+        let rigid = &newton.rigid;
+        if rigid.is_empty() {
+            return Vec::new();
+        }
+        let mut forces = vec![zero(); self.place.len()];
+        let sources = Sources {
+            plan: &self.plan,
+            masses: &self.masses,
+            loads: &Loads::none(self.place.len()),
+            terms: &self.terms,
+        };
+        let at = At {
+            u: &self.now.u,
+            v: &self.now.v,
+        };
+        self.plan.enter(|| sources.forces(at, &mut forces));
+        let units = [self.units.force(), self.units.energy()];
+        let of = |(body, pose): (&Rigid, &Pose)| {
+            let mut sum = [DVec3::ZERO; 2];
+            // Carriers, the last, have what pulls by springs.
+            for i in body.nodes.start..body.nodes.end - CARRIERS {
+                let f = wide(forces[i]);
+                sum[0] += f;
+                sum[1] += (pose.turn * rigid.arms[i - rigid.first]).cross(f);
+            }
+            [sum[0] * units[0], sum[1] * units[1]]
+        };
+        rigid.bodies.iter().zip(&rigid.now).map(of).collect()
     }
 
     /// Writes the positions (m) of the nodes of rigid bodies: exact, as their poses are.

@@ -10,7 +10,7 @@ use crate::physics::Units;
 use glam::{DMat3, DVec3};
 
 impl RigidBodies {
-    /// The springs to targets at nodes inside. `place` gives slots, `rest` is in m.
+    /// The springs to targets at nodes of rigid bodies. `place` gives slots, `rest` is in m.
     pub fn tethers(
         &self,
         attachments: &[Attachment],
@@ -29,9 +29,6 @@ impl RigidBodies {
             };
             let slot = place[node as usize] as usize;
             let body = &self.bodies[self.of(slot)?];
-            if !body.inner.contains(&slot) {
-                return None;
-            }
             let arm = body.gather * self.arms[slot - self.first];
             let first = body.carriers().start as u32;
             Some(Tether {

@@ -372,6 +372,19 @@ impl Simulator for CpuTets {
         Ok(forces.into_iter().map(reaction).collect())
     }
 
+    fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
+        let mut bodies = self.network.elements.rigid.iter();
+        let Some(b) = bodies.position(|body| body.labels.contains(&label)) else {
+            return Ok(None);
+        };
+        self.finish()?;
+        let forces = self.worker.body().rigid_forces();
+        Ok(forces.get(b).map(|[force, moment]| Reaction {
+            force: *force,
+            moment: *moment,
+        }))
+    }
+
     fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {
         let mut bones = self.network.elements.rigid.iter();
         if bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {

@@ -98,6 +98,9 @@ pub(super) trait TetBody: Stepped {
     /// The force on each tool, N, and its moment about the origin of the tool's shape, N·m.
     fn tool_forces(&self) -> Vec<[DVec3; 2]>;
 
+    /// What all else of it exerts on each rigid body, N, and its moment about the centre of mass, N·m.
+    fn rigid_forces(&self) -> Vec<[DVec3; 2]>;
+
     /// The sum of all forces on every node, N.
     fn forces(&self) -> Vec<DVec3>;
 
@@ -242,6 +245,10 @@ impl<T: Real> TetBody for CpuBody<T> {
 
     fn tool_forces(&self) -> Vec<[DVec3; 2]> {
         CpuBody::tool_forces(self)
+    }
+
+    fn rigid_forces(&self) -> Vec<[DVec3; 2]> {
+        CpuBody::rigid_forces(self)
     }
 
     fn forces(&self) -> Vec<DVec3> {

@@ -22,7 +22,7 @@ pub struct ContactEntry {
 }
 
 /// A tool: a rigid shape that presses on the body, which nothing of it passes through. It goes along
-/// a path, or is a rigid body that moves as forces have it (a sphere, a capsule or a box, with
+/// a path, or is a rigid body that moves as forces have it (anything but a plane, with
 /// `[contact]`), and is drawn with the body. A body of finite elements on the processor's engine, stepped
 /// by `implicit` or `bdf2`.
 ///
@@ -78,7 +78,7 @@ pub struct ToolEntry {
     pub axis: Option<[f64; 3]>,
     /// μ of Coulomb friction; 0 where nothing is said.
     pub friction: Option<f64>,
-    /// N/m: it is a rigid body, held at its middle by a spring to where its path goes.
+    /// N/m: it is a rigid body, held at its centre of mass by a spring to where its path goes.
     pub spring: Option<f64>,
     /// The largest force of that spring, N.
     pub limit: Option<f64>,
