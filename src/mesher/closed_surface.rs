@@ -144,7 +144,7 @@ impl ClosedSurface {
 }
 
 /// The solid angle of a triangle seen from the origin: Van Oosterom & Strackee (1983).
-fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
+pub(crate) fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
     let (la, lb, lc) = (a.length(), b.length(), c.length());
     let above = a.dot(b.cross(c));
     let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;

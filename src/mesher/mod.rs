@@ -39,6 +39,7 @@ mod threshold_domain;
 mod volumes;
 mod window;
 
+pub(crate) use closed_surface::solid_angle;
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
 pub use described::Described;
 pub use domain::{Domain, RegionVolume};

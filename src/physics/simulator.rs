@@ -107,7 +107,8 @@ pub trait Simulator: Send {
     }
 
     /// Has the body's boundary feel itself from now on: its parts each other, and its folds. Returns
-    /// how many of its faces go through others as it is now; these push nothing until they are free.
+    /// how many of its faces go through others, or are of parts that lie within others, as it is now;
+    /// these are drawn apart and push nothing until they are free.
     ///
     /// # Errors
     /// [`Error::Input`] for numbers that make no sense, and for all but a body of finite elements on

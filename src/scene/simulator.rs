@@ -308,7 +308,7 @@ impl Scene {
             })?;
             if through > 0 {
                 notes.push(format!(
-                    "{through} faces of the boundary go through others where the body starts; they are drawn apart, a tenth of an edge a step ([contact])"
+                    "{through} faces of the boundary go through others where the body starts, or lie within other parts of it; they are drawn apart, a tenth of an edge a step ([contact])"
                 ));
             }
         }

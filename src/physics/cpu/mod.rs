@@ -61,6 +61,7 @@ mod rigid_pose;
 #[cfg(test)]
 mod rigid_tests;
 mod rules;
+mod self_buried;
 mod self_contact;
 #[cfg(test)]
 mod self_contact_rigid_tests;

@@ -403,3 +403,57 @@ fn a_start_with_parts_through_each_other_is_told() {
     let within = Meeting::<f64>::new(&mesh(0.09), &soft(1e4), Some(0.0));
     assert!(within.through > 0 && within.pierced() > 0);
 }
+
+#[test]
+fn a_part_within_another_is_told_and_drawn_out() {
+    let (large, small) = (ball(0.05, 5).unwrap(), ball(0.012, 3).unwrap());
+    let at = DVec3::new(0.021, 0.004, -0.003);
+    let mesh = joined(&[
+        (&large, DQuat::IDENTITY, DVec3::ZERO),
+        (&small, DQuat::from_rotation_z(0.5), at),
+    ]);
+    let mut meeting = Meeting::<f64>::new(&mesh, &soft(1e4), Some(0.0));
+    assert_eq!(meeting.pierced(), 0);
+    let own = large.nodes.len();
+    let of_small = meeting
+        .faces
+        .iter()
+        .filter(|face| face[0] as usize >= own)
+        .count();
+    assert_eq!(meeting.through, of_small);
+    let mean = |x: &[DVec3]| x.iter().sum::<DVec3>() / x.len() as f64;
+    let mut through = 0;
+    for _ in 0..400 {
+        meeting.body.run(1, 5e-3).unwrap();
+        through += usize::from(meeting.pierced() > 0);
+    }
+    // Through the boundary, and out.
+    assert!(through > 0);
+    assert_eq!(meeting.pierced(), 0);
+    let x = meeting.body.positions();
+    let apart = mean(&x[..own]).distance(mean(&x[own..]));
+    assert!(apart > 0.055, "{apart}");
+    // A shell's hole is not what it holds: nothing is within another there.
+    let shell = TetMesh::new(
+        large.nodes.clone(),
+        large
+            .tets
+            .iter()
+            .filter(|tet| {
+                let corners = tet.iter().map(|v| large.nodes[*v as usize]);
+                corners.sum::<DVec3>().length() / 4.0 > 0.03
+            })
+            .copied()
+            .collect(),
+        Vec::new(),
+        Vec::new(),
+    )
+    .unwrap();
+    let tiny = ball(0.006, 2).unwrap();
+    let mesh = joined(&[
+        (&shell, DQuat::IDENTITY, DVec3::ZERO),
+        (&tiny, DQuat::IDENTITY, DVec3::ZERO),
+    ]);
+    let hollow = Meeting::<f64>::new(&mesh, &soft(1e4), Some(0.0));
+    assert_eq!(hollow.through, 0);
+}

@@ -5,12 +5,14 @@ use super::contact_hull::Hull;
 use super::pool::Plan;
 use super::real::Real;
 use super::rigid::RigidBodies;
+use super::self_buried::Buried;
 use super::vectors::V4;
 use crate::mesh::{Bounds, Hierarchy, around, crossings};
 use crate::parallel;
+use crate::physics::SpringNetwork;
 use crate::physics::contact::Features;
 use glam::DVec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The gap of a pair that is nearer at rest, over its distance there.
 const AT_REST: f64 = 0.8;
@@ -63,6 +65,7 @@ pub(super) struct Surface {
     /// Nodes of features that go through each other: they are in no pair with each other until they
     /// are free.
     tangled: Vec<bool>,
+    buried: Buried,
 }
 
 /// An edge that goes through a face.
@@ -71,7 +74,7 @@ pub(super) struct Crossing {
     /// Its end that is behind the face, and the face.
     pub nodes: [u32; 4],
     /// Its other end.
-    other: u32,
+    pub other: u32,
     /// The number of the face.
     pub face: u32,
     /// Σ w x leads from where it goes through to that end.
@@ -107,7 +110,18 @@ impl Surface {
             ways: Vec::new(),
             margin: 0.0,
             begun: Vec::new(),
+            buried: Buried::default(),
         }
+    }
+
+    /// Looks for parts of `network` that are within others at `u`. How many faces of the boundary are
+    /// theirs, or go through others.
+    pub fn look<T: Real>(&mut self, of: (&SpringNetwork, &[u32]), u: &[V4<T>]) -> usize {
+        self.buried = Buried::new(&self.hull, of, u);
+        let through = self.crossings(u);
+        let through = through.iter().map(|crossing| crossing.face);
+        let all: BTreeSet<u32> = through.chain(self.buried.faces(&self.hull)).collect();
+        all.len()
     }
 
     /// The mean edge.
@@ -148,14 +162,18 @@ impl Surface {
         self.begun.extend(places.map(|(x, u)| *x + wide(*u)));
     }
 
-    /// Takes note of which features go through each other at `u`.
+    /// Takes note of which features go through each other at `u`: these, and what leads parts out that
+    /// are within others.
     pub fn untangle<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Crossing> {
-        let found = self.crossings(u);
+        let mut found = self.crossings(u);
         self.tangled.fill(false);
         for crossing in &found {
             let nodes = crossing.nodes.iter().chain([&crossing.other]);
             nodes.for_each(|v| self.tangled[*v as usize] = true);
         }
+        let (hull, tangled) = (&self.hull, &mut self.tangled);
+        let more = self.buried.drawn((hull, u), &found, tangled);
+        found.extend(more);
         found
     }
 

@@ -13,7 +13,6 @@ use crate::physics::contact::check_pose;
 use crate::physics::{SelfContact, Shape, SolverKind, SpringNetwork, Tool, ToolPose, Units};
 use crate::{Error, Result};
 use glam::DVec3;
-use std::collections::BTreeSet;
 
 /// The gap from which on a tool pushes, where none is given: over its size, and over the mean edge
 /// of the body's boundary.
@@ -111,7 +110,7 @@ impl<T: Real> CpuBody<T> {
     }
 
     /// Has the body feel itself from now on, as `wanted` says; its boundary is `faces` of `network`,
-    /// which it is. How many of these go through others as it is now.
+    /// which it is. How many of these go through others, or are of parts within others, as it is now.
     pub fn set_self_contact(
         &mut self,
         wanted: &SelfContact,
@@ -126,10 +125,9 @@ impl<T: Real> CpuBody<T> {
         };
         let settings = [wanted.friction, gap.max(LEAST), HOLDS * self.units.time];
         let mut term = Touching::new(hull, &self.plan, settings);
-        let crossings = term.surface.crossings(&self.now.u);
-        let faces: BTreeSet<u32> = crossings.iter().map(|crossing| crossing.face).collect();
+        let through = term.surface.look((network, &self.place), &self.now.u);
         self.add_term(Box::new(term));
-        faces.len()
+        through
     }
 
     /// Says where each tool is to be at the end of the next step.
