@@ -186,9 +186,26 @@ impl RigidBodies {
 
     fn note_changes(&mut self) {
         for (b, target) in self.targets.iter().enumerate() {
-            if let Some(target) = target {
-                self.trial[b] = self.now[b].toward(target, self.led);
-            }
+            let Some(target) = target else {
+                continue;
+            };
+            let body = &self.bodies[b];
+            let led = self.now[b].toward(target, self.led);
+            self.trial[b] = match body.freedom {
+                // It turns as it likes about where what holds it goes.
+                Freedom::Turns(pivot, axis) => {
+                    let turn = self.trial[b].turn;
+                    let along = axis.map_or(DQuat::IDENTITY, |axis| {
+                        DQuat::from_rotation_arc(turn * axis, led.turn * axis)
+                    });
+                    let turn = (along * turn).normalize();
+                    Pose {
+                        shift: led.shift + led.turn * pivot - turn * pivot,
+                        turn,
+                    }
+                }
+                _ => led,
+            };
         }
         for (b, change) in self.changes.iter_mut().enumerate() {
             let (now, then) = (&self.now[b], &self.trial[b]);

@@ -81,7 +81,7 @@ impl<T: Real> CpuBody<T> {
         }
         for (b, held) in held.iter().enumerate().filter(|(_, held)| !held.is_empty()) {
             let pose = rigid.follow(b, held);
-            if gradually && rigid.bodies[b].freedom == Freedom::Fixed {
+            if gradually {
                 rigid.targets[b] = Some(pose);
                 continue;
             }

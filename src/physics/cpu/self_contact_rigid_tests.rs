@@ -152,28 +152,50 @@ fn a_bone_that_is_held_and_moved_presses_on_what_is_soft() {
     ]);
     let (tets, count) = (block.tets.len(), block.nodes.len() as u32);
     let material = with_bones(&mut mesh, 2e4, |t, _| t >= tets);
-    let mut meeting = Meeting::<f32>::new(&mesh, &material, Some(0.2));
-    let start = meeting.body.positions();
-    let mut pinned: Vec<bool> = mesh.nodes.iter().map(|p| p.z < 1e-9).collect();
-    pinned[count as usize..].fill(false);
-    meeting.body.set_pinned(&pinned).unwrap();
-    let (h, velocity) = (0.01, DVec3::new(0.0, 0.0, -0.1));
-    let mut most = 0;
-    for step in 0..16 {
-        let led: Vec<Attachment> = (count..mesh.nodes.len() as u32)
-            .map(|node| Attachment::Hold {
-                node,
-                place: start[node as usize] + f64::from(step) * h * velocity,
-            })
-            .collect();
-        meeting.body.set_attachments(&led).unwrap();
-        meeting.body.run(1, h).unwrap();
-        let through = meeting.pierced();
-        most = most.max(through);
+    let top: Vec<u32> = (count..mesh.nodes.len() as u32)
+        .filter(|v| mesh.nodes[*v as usize].z > 0.081)
+        .collect();
+    let middle = mesh.nodes[count as usize..].iter().sum::<DVec3>() / bone.nodes.len() as f64;
+    let far = |v: &u32| (mesh.nodes[*v as usize] - middle).truncate().length();
+    let one = top.iter().copied().min_by(|a, b| far(a).total_cmp(&far(b)));
+    let one = vec![one.unwrap()];
+    // A line of two through the middle: it turns about that.
+    let two = top.iter().copied().filter(|v| {
+        let off = DQuat::from_rotation_z(-0.3) * (mesh.nodes[*v as usize] - middle);
+        off.y.abs() < 1e-6 && off.x.abs() > 1e-3
+    });
+    let two: Vec<u32> = two.collect();
+    assert_eq!(two.len(), 2);
+    for held in [top.clone(), one, two] {
+        let mut meeting = Meeting::<f32>::new(&mesh, &material, Some(0.2));
+        let start = meeting.body.positions();
+        let mut pinned: Vec<bool> = mesh.nodes.iter().map(|p| p.z < 1e-9).collect();
+        pinned[count as usize..].fill(false);
+        meeting.body.set_pinned(&pinned).unwrap();
+        let (h, velocity) = (0.01, DVec3::new(0.0, 0.0, -0.1));
+        let mut most = 0;
+        let at = |node: u32, step: i32| start[node as usize] + f64::from(step) * h * velocity;
+        for step in 0..16 {
+            let led: Vec<Attachment> = held
+                .iter()
+                .map(|node| Attachment::Hold {
+                    node: *node,
+                    place: at(*node, step),
+                })
+                .collect();
+            meeting.body.set_attachments(&led).unwrap();
+            meeting.body.run(1, h).unwrap();
+            let through = meeting.pierced();
+            most = most.max(through);
+        }
+        let x = meeting.body.positions();
+        for node in &held {
+            let off = x[*node as usize].distance(at(*node, 15));
+            assert!(off < 1e-6, "{} nodes, {off}", held.len());
+        }
+        let deepest = x[..count as usize].iter().zip(&start);
+        let dent = deepest.map(|(x, s)| s.z - x.z).fold(0.0, f64::max);
+        assert!(dent > 0.009, "{} nodes: {dent}", held.len());
+        assert_eq!(most, 0, "{} nodes", held.len());
     }
-    let x = meeting.body.positions();
-    let deepest = x[..count as usize].iter().zip(&start);
-    let dent = deepest.map(|(x, s)| s.z - x.z).fold(0.0, f64::max);
-    assert!(dent > 0.011, "{dent}");
-    assert_eq!(most, 0);
 }
