@@ -312,10 +312,10 @@ impl<T: Real> CpuBody<T> {
         self.attachments.extend_from_slice(attachments);
         let (place, rest, units) = (&self.place, &self.rest, &self.units);
         let rigid = self.newton.as_ref().map(|newton| &newton.rigid);
-        // Springs to rigid bodies are a term.
+        // Others are a term.
         let soft = |a: &&Attachment| match a {
             Attachment::Pull { node, .. } => {
-                rigid.is_none_or(|rigid| rigid.of(place[*node as usize] as usize).is_none())
+                !rigid.is_some_and(|rigid| rigid.tethers_at(place[*node as usize] as usize))
             }
             _ => true,
         };

@@ -72,10 +72,12 @@ impl Layout {
         // What soft tets pull at takes part, wherever it is.
         let mut outside = vec![false; count];
         let surface = bodies.iter().flat_map(|b| &b.surface);
-        let soft = network.elements.tets.iter().flat_map(|e| &e.nodes);
-        surface
-            .chain(soft)
-            .for_each(|v| outside[*v as usize] = true);
+        surface.for_each(|v| outside[*v as usize] = true);
+        let mut held = vec![false; count];
+        for v in network.elements.tets.iter().flat_map(|e| &e.nodes) {
+            held[*v as usize] = true;
+            outside[*v as usize] = true;
+        }
 
         let free: Vec<u32> = (0..count as u32)
             .filter(|v| owner[*v as usize].is_none())
@@ -126,6 +128,7 @@ impl Layout {
                 spread,
                 gather: spread.inverse(),
                 freedom: Freedom::Free,
+                alone: !body.nodes.iter().any(|v| held[*v as usize]),
             });
         }
         for (body, rigid) in bodies.iter().zip(&mut rigid) {

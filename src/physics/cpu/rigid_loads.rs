@@ -10,6 +10,13 @@ use crate::physics::Units;
 use glam::{DMat3, DVec3};
 
 impl RigidBodies {
+    /// Whether springs at a node are such a term: at nodes inside, and at all of a body alone, which
+    /// may be light. At others they pull as at soft nodes, and as on the GPU.
+    pub fn tethers_at(&self, slot: usize) -> bool {
+        let body = self.of(slot).map(|b| &self.bodies[b]);
+        body.is_some_and(|body| body.alone || body.inner.contains(&slot))
+    }
+
     /// The springs to targets at nodes of rigid bodies. `place` gives slots, `rest` is in m.
     pub fn tethers(
         &self,
@@ -28,6 +35,9 @@ impl RigidBodies {
                 return None;
             };
             let slot = place[node as usize] as usize;
+            if !self.tethers_at(slot) {
+                return None;
+            }
             let body = &self.bodies[self.of(slot)?];
             let arm = body.gather * self.arms[slot - self.first];
             let first = body.carriers().start as u32;

@@ -71,6 +71,8 @@ pub(super) struct Rigid {
     pub spread: DMat3,
     pub gather: DMat3,
     pub freedom: Freedom,
+    /// Whether nothing soft hangs on it.
+    pub alone: bool,
 }
 
 impl Rigid {
