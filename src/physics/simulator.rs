@@ -2,8 +2,8 @@
 
 use super::{
     Acting, Bodies, BodiesState, ConjugateGradients, CpuGridState, CpuState, Engine, GrabId,
-    GridState, Grip, Held, LedId, LevelId, Loads, NodeTerm, Nodes, Progress, Reaction, Report,
-    SelfContact, SolverKind, SpringNetwork, TetState, Tool, ToolId,
+    GridState, Grip, Held, Joint, LedId, LevelId, Loads, NodeTerm, Nodes, Progress, Reaction,
+    Report, SelfContact, SolverKind, SpringNetwork, TetState, Tool, ToolId,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -120,6 +120,18 @@ pub trait Simulator: Send {
     /// The body's contact with itself, if it has any.
     fn self_contact(&self) -> Option<SelfContact> {
         None
+    }
+
+    /// Joins two of its rigid regions, or one to the world, where they rest. Regions that are joined
+    /// do not feel each other.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a joint that makes no sense, regions that are not rigid, and for all but
+    /// a body that rapier steps.
+    fn add_joint(&mut self, _: Joint) -> Result<()> {
+        Err(Error::Input(
+            "rigid regions are joined by rapier only: take --engine rapier (a build with the feature `rapier`), or leave [[joint]] out".into(),
+        ))
     }
 
     /// What the body exerts on each tool where it stands: the force, and its moment about the

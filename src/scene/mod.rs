@@ -42,6 +42,7 @@ mod drawing;
 mod drawn_tool;
 mod entries;
 mod grid;
+mod joint;
 mod load;
 mod looks;
 mod material;
@@ -135,6 +136,9 @@ pub struct Scene {
     /// Those of them that are regions of the mesh: see [`Scene::with_carried_tools`].
     #[serde(skip)]
     pub(crate) carried: Vec<ToolEntry>,
+    /// Joints between its rigid regions.
+    #[serde(default)]
+    pub joint: Vec<JointEntry>,
     /// Contact of the body with itself.
     pub contact: Option<ContactEntry>,
     /// What cuts it.
@@ -276,7 +280,8 @@ impl Scene {
     /// What it has that only a body of tets by itself knows of, by the name of its entry.
     pub(crate) fn of_tets(&self) -> Option<&'static str> {
         let tool = (!self.tool.is_empty()).then_some("[[tool]]");
-        self.of_cpu().or(tool)
+        let joint = (!self.joint.is_empty()).then_some("[[joint]]");
+        self.of_cpu().or(tool).or(joint)
     }
 
     /// What it has that only the processor's engine knows of, by the name of its entry.

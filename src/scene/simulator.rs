@@ -301,6 +301,10 @@ impl Scene {
             pins.push(PinSet { name, nodes });
         }
         let actors = Actors::new(self, simulator.as_mut(), notes)?;
+        for entry in &self.joint {
+            let joint = entry.joint(simulator.mesh())?;
+            simulator.add_joint(joint)?;
+        }
         if let Some(entry) = &self.contact {
             let through = simulator.set_self_contact(SelfContact {
                 friction: entry.friction.unwrap_or(0.0),

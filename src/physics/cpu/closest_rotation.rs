@@ -10,7 +10,7 @@ const MOST: usize = 60;
 ///
 /// Newton's method on the rotation vector, whose second derivative is tr(C) I − sym C with
 /// C = m Rᵀ; where that is not positive definite, short steps along the torque.
-pub(super) fn closest_rotation(m: &DMat3, start: DQuat, within: DMat3) -> DQuat {
+pub(in crate::physics) fn closest_rotation(m: &DMat3, start: DQuat, within: DMat3) -> DQuat {
     let mut turn = start;
     let rest = DMat3::IDENTITY - within;
     for _ in 0..MOST {

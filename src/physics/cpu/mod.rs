@@ -89,6 +89,8 @@ mod tools_tests;
 mod vectors;
 mod worker;
 
+#[cfg(feature = "rapier")]
+pub(super) use closest_rotation::closest_rotation;
 pub(super) use contact_hull::Hull;
 pub(super) use contact_plain::PlainContact;
 pub(super) use contact_way::WIDE;

@@ -1,12 +1,13 @@
 //! A body of rapier as its worker sees it: loads, steps, state.
 
 use super::balance::inner_forces;
+use super::joints::Joined;
 use super::matter::Matter;
 use super::springs::Spring;
 use super::world::{Contacts, World};
 use crate::physics::cpu::{Attachment, Failure, Guided, LoadChange, Stepped, check_attachments};
 use crate::physics::{
-    ConjugateGradients, Reaction, SelfContact, SpringNetwork, StepRecord, Tool, ToolPose,
+    ConjugateGradients, Joint, Reaction, SelfContact, SpringNetwork, StepRecord, Tool, ToolPose,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -20,6 +21,7 @@ pub(super) struct RapierBody {
     matter: Matter,
     settings: ConjugateGradients,
     contacts: Contacts,
+    joints: Vec<Joined>,
     world: World,
     /// Of every node, kg.
     masses: Vec<f64>,
@@ -51,10 +53,11 @@ impl RapierBody {
         };
         let nodes = masses.len();
         Ok(RapierBody {
-            world: World::new(&matter, settings, &contacts, &[])?,
+            world: World::new(&matter, settings, (&contacts, &[]), &[])?,
             matter,
             settings,
             contacts,
+            joints: Vec::new(),
             masses,
             gravity: DVec3::ZERO,
             forces: vec![DVec3::ZERO; nodes],
@@ -100,6 +103,49 @@ impl RapierBody {
         self.contact(before)
     }
 
+    /// Joins rigid regions by `joint`, which is at `at` (m).
+    ///
+    /// # Errors
+    /// [`Error::Input`] for regions that are not rigid; nothing is changed then.
+    pub fn add_joint(&mut self, joint: &Joint, at: DVec3) -> Result<()> {
+        let joined = Joined::new(joint, at, &self.matter.bones, self.contacts.unit)?;
+        self.joints.push(joined);
+        self.remake(&self.positions(), &self.velocities())
+    }
+
+    /// What all else of the body exerted on the rigid region with this label in the last step, by
+    /// contact, joints and what is soft around it; the moment is about its centre of mass. None where
+    /// there is no such region.
+    pub fn region_force(&self, label: i64) -> Option<Reaction> {
+        let mut bones = self.matter.bones.iter().enumerate();
+        let (b, bone) = bones.find(|(_, bone)| bone.labels.contains(&label))?;
+        let (x, v) = (self.positions(), self.velocities());
+        let mass: f64 = bone.masses.iter().sum();
+        let each = || bone.nodes.iter().map(|i| *i as usize).zip(&bone.masses);
+        let centre = each().map(|(i, m)| *m * x[i]).sum::<DVec3>() / mass;
+        let mut on = Reaction::default();
+        let mut add = |i: usize, force: DVec3| {
+            on.force += force;
+            on.moment += (x[i] - centre).cross(force);
+        };
+        for (i, m) in each() {
+            let change = match &self.last {
+                Some((dt, before)) => (v[i] - before[i]) / *dt,
+                None => DVec3::ZERO,
+            };
+            let damping = f64::from(self.matter.mass_damping) * v[i];
+            add(i, *m * (change + damping - self.gravity) - self.forces[i]);
+        }
+        for spring in Spring::of(&self.attachments) {
+            let i = spring.node as usize;
+            if self.matter.owners[i] == Some(b as u32) {
+                let pull = spring.stiffness * (spring.target - x[i]);
+                add(i, -pull.clamp_length_max(spring.limit));
+            }
+        }
+        Some(on)
+    }
+
     /// Makes the world anew with the contacts of now, or goes back to those of `before`.
     fn contact(&mut self, before: Contacts) -> Result<()> {
         let (x, v) = (self.positions(), self.velocities());
@@ -114,13 +160,10 @@ impl RapierBody {
     /// steps would not fit a state that it did not come to.
     fn remake(&mut self, x: &[DVec3], v: &[DVec3]) -> Result<()> {
         let places: Vec<ToolPose> = self.tools.iter().map(|t| t.0).collect();
-        let mut world = World::new(&self.matter, self.settings, &self.contacts, &places)?;
+        let scenery = (&self.contacts, self.joints.as_slice());
+        let mut world = World::new(&self.matter, self.settings, scenery, &places)?;
         let scale = self.matter.scale;
-        let body = world.body_mut();
-        for (i, (x, v)) in x.iter().zip(v).enumerate() {
-            body.set_particle_position(i, scale.vector(*x));
-            body.set_particle_velocity(i, scale.vector(*v));
-        }
+        world.set(x, v, &self.matter);
         world.set_gravity(scale.vector(self.gravity));
         for spring in Spring::of(&self.attachments) {
             world.add_spring(&spring, &self.matter);
@@ -128,7 +171,7 @@ impl RapierBody {
         self.world = world;
         self.last = None;
         self.hold();
-        self.push();
+        self.world.push(&self.forces, &self.matter);
         Ok(())
     }
 
@@ -145,39 +188,17 @@ impl RapierBody {
 
     /// Holds the nodes that are held, where they are, and lets go of the others.
     fn hold(&mut self) {
-        let held = self.held();
-        let body = self.world.body_mut();
-        for (i, held) in held.iter().enumerate() {
-            let particle = &body.particles()[i];
-            // Nodes without mass are pinned to rapier anyway.
-            if particle.is_pinned() != *held && particle.mass() > 0.0 {
-                body.set_particle_pinned(i, *held);
-            }
-        }
-    }
-
-    /// Puts the forces on the particles.
-    fn push(&mut self) {
-        let scale = self.matter.scale;
-        let body = self.world.body_mut();
-        body.reset_forces(true);
-        for (i, f) in self.forces.iter().enumerate() {
-            if *f != DVec3::ZERO {
-                body.add_particle_force(i, scale.force(*f), true);
-            }
-        }
+        self.world.hold(&self.held(), &self.matter);
     }
 
     /// Says where nodes that are held or led are at the end of a step of `dt` seconds.
     fn aim(&mut self, dt: f64) {
-        let scale = self.matter.scale;
         let targets = Spring::of(&self.attachments).map(|s| s.target);
         self.world.aim_springs(targets, &self.matter);
-        let body = self.world.body_mut();
         for a in &mut self.attachments {
             match a {
                 Attachment::Hold { node, place } => {
-                    body.set_particle_kinematic_target(*node as usize, scale.vector(*place));
+                    self.world.lead(*node, *place, &self.matter);
                 }
                 Attachment::Lead {
                     node,
@@ -185,19 +206,24 @@ impl RapierBody {
                     velocity,
                 } => {
                     *place += dt * *velocity;
-                    body.set_particle_kinematic_target(*node as usize, scale.vector(*place));
+                    self.world.lead(*node, *place, &self.matter);
                 }
                 Attachment::Pull { .. } => {}
             }
         }
     }
 
-    /// The force on every node of `network`, which the body is, N: of its tets, damping and loads.
+    /// The force on every node of `network`, which the body is, N: of its tets, damping and loads; NaN
+    /// for nodes of rigid regions.
     pub fn forces(&self, network: &SpringNetwork) -> Vec<DVec3> {
         let mut forces = inner_forces(network, &self.positions(), &self.velocities());
         let loads = self.masses.iter().zip(&self.forces);
         for (f, (m, load)) in forces.iter_mut().zip(loads) {
             *f += *m * self.gravity + *load;
+        }
+        // What holds a rigid region together is not known.
+        for node in self.matter.bones.iter().flat_map(|bone| &bone.nodes) {
+            forces[*node as usize] = DVec3::NAN;
         }
         forces
     }
@@ -213,7 +239,7 @@ impl RapierBody {
         let (forces, held) = (self.forces(network), self.held());
         let mut reactions = vec![Reaction::default(); self.tools.len()];
         let nodes = boundary.into_iter().map(|i| i as usize);
-        let free = nodes.filter(|i| !held[*i]);
+        let free = nodes.filter(|i| !held[*i] && self.matter.owners[*i].is_none());
         for i in free {
             let Some((tool, place)) = self.touched(x[i]) else {
                 continue;
@@ -263,7 +289,7 @@ impl Stepped for RapierBody {
         for _ in 0..steps {
             let (x, v) = (self.positions(), self.velocities());
             self.aim(dt);
-            if !self.world.step(dt) {
+            if !self.world.step(dt, &self.forces, &self.matter) {
                 // The body stays as it was before the step.
                 let _ = self.remake(&x, &v);
                 return Err(Failure::NonFinite);
@@ -321,7 +347,7 @@ impl Stepped for RapierBody {
         self.hold();
         if let Some(forces) = change.forces {
             self.forces = forces;
-            self.push();
+            self.world.push(&self.forces, &self.matter);
         }
         for (k, tool) in change.tools.into_iter().flatten().enumerate() {
             let jumped = self.tools.get(k).is_some_and(|t| t.1 != tool.1);

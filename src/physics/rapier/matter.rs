@@ -1,6 +1,8 @@
 //! What a body is made of, as rapier has it, and what of that it cannot have.
 
+use super::rigid::Bone;
 use super::scale::Scale;
+use crate::physics::rigid::owners;
 use crate::physics::{Element, Law, SpringNetwork, VolumeModel};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -13,14 +15,21 @@ const MOST_STIFFNESSES: usize = 256;
 /// What of a difference between two stiffnesses, or two Poisson's ratios, is rounding.
 const SAME: f64 = 1e-6;
 
-/// A body's particles and cells in rapier's units.
+/// A body's particles and cells in rapier's units, and what of it is rigid.
 #[derive(Clone, Debug)]
 pub(super) struct Matter {
     pub scale: Scale,
-    /// Where the nodes rest.
+    /// The node that each particle is, ascending: all but those of rigid regions that no soft tet has.
+    pub nodes: Vec<u32>,
+    /// The particle that each node is.
+    pub particles: Vec<Option<u32>>,
+    /// The rigid region that each node belongs to.
+    pub owners: Vec<Option<u32>>,
+    pub bones: Vec<Bone>,
+    /// Where the particles rest.
     pub rest: Vec<Vector>,
     pub masses: Vec<f32>,
-    /// The nodes of every tet.
+    /// The particles of every tet.
     pub cells: Vec<[u32; 4]>,
     pub model: SoftBodyCellModel,
     pub material: SoftBodyMaterial,
@@ -31,12 +40,12 @@ pub(super) struct Matter {
 }
 
 impl Matter {
-    /// That of `network`.
+    /// That of `network`, whose boundary has these faces.
     ///
     /// # Errors
-    /// [`Error::Input`] for what rapier cannot have: springs, rigid regions, averaged volume,
+    /// [`Error::Input`] for what rapier cannot have: springs, nothing soft, averaged volume,
     /// several Poisson's ratios, or more stiffnesses than a few hundred.
-    pub fn new(network: &SpringNetwork) -> Result<Matter> {
+    pub fn new(network: &SpringNetwork, boundary: &[[u32; 3]]) -> Result<Matter> {
         let elements = &network.elements;
         let refused = |what: &str| Err(Error::Input(format!("rapier {what}")));
         if elements.is_empty() {
@@ -44,9 +53,9 @@ impl Matter {
                 "steps finite elements, and the body is made of springs; choose --material neo-hookean (or corotated), or --engine cpu",
             );
         }
-        if !elements.rigid.is_empty() {
+        if elements.tets.is_empty() {
             return refused(
-                "has no rigid regions in a soft body; make them stiff instead (`young`), or take --engine cpu",
+                "steps a soft body, and all of this one is rigid; leave a region soft, or take --engine cpu",
             );
         }
         if elements.volume != VolumeModel::PerTet {
@@ -63,14 +72,31 @@ impl Matter {
             ));
         }
         let scale = Scale::of(network);
+        let count = network.rest.len();
+        let mut soft = vec![elements.rigid.is_empty(); count];
+        for v in elements.tets.iter().flat_map(|t| &t.nodes) {
+            soft[*v as usize] = true;
+        }
+        let owners = owners(&elements.rigid, count)?;
+        let bones = elements.rigid.iter();
+        let bones = bones.map(|body| Bone::new(network, body, boundary, &soft, scale));
+        let bones = bones.collect::<Result<Vec<Bone>>>()?;
+        let is_particle = |v: &u32| soft[*v as usize] || owners[*v as usize].is_none();
+        let nodes: Vec<u32> = (0..count as u32).filter(is_particle).collect();
+        let mut particles = vec![None; count];
+        for (p, v) in (0u32..).zip(&nodes) {
+            particles[*v as usize] = Some(p);
+        }
+        let mass = |v: &u32| {
+            let share = owners[*v as usize].map_or(1.0, |_| Bone::PARTICLE);
+            (share * network.masses[*v as usize] / scale.mass) as f32
+        };
+        let rest = nodes.iter().map(|v| network.rest[*v as usize]);
+        let cell = |t: &Element| t.nodes.map(|v| particles[v as usize].unwrap_or_default());
         Ok(Matter {
-            rest: network.rest.iter().map(|x| scale.vector(*x)).collect(),
-            masses: network
-                .masses
-                .iter()
-                .map(|m| (m / scale.mass) as f32)
-                .collect(),
-            cells: elements.tets.iter().map(|t| t.nodes).collect(),
+            rest: rest.map(|x| scale.vector(x)).collect(),
+            masses: nodes.iter().map(mass).collect(),
+            cells: elements.tets.iter().map(cell).collect(),
             model: match law {
                 Law::NeoHookean => SoftBodyCellModel::NeoHookean,
                 Law::Corotated => SoftBodyCellModel::Corotational,
@@ -83,6 +109,10 @@ impl Matter {
             },
             groups: groups(&elements.tets, law, young)?,
             mass_damping: elements.mass_damping as f32,
+            nodes,
+            particles,
+            owners,
+            bones,
             scale,
         })
     }

@@ -7,7 +7,7 @@ use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
 use crate::physics::cpu::{Errand, Failure, Refusal, Stepped, Worker, faces_through, send_loads};
 use crate::physics::loads::LoadVersions;
 use crate::physics::{
-    ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, Loads, NodeTerm, Nodes, Pose,
+    ConjugateGradients, Energy, Engine, GrabId, Grip, Joint, LedId, Loads, NodeTerm, Nodes, Pose,
     Progress, Reaction, Report, SelfContact, Simulator, SimulatorState, SolverKind, SpringNetwork,
     Tool, ToolId, ToolPose, TopologyChange, Waker,
 };
@@ -55,11 +55,15 @@ impl RapierTets {
                 mesh.nodes.len()
             )));
         }
-        let (matter, unit) = (Matter::new(&network)?, network.length_unit);
+        let topology = Topology::new(&mesh);
+        let (matter, unit) = (
+            Matter::new(&network, &boundary(&mesh, &topology))?,
+            network.length_unit,
+        );
         let body = RapierBody::new(matter, network.masses.clone(), settings, unit)?;
         let nodes = Nodes::new(gpu, &mesh)?;
         Ok(RapierTets {
-            topology: Topology::new(&mesh),
+            topology,
             loads: Loads::new(mesh.nodes.len(), nodes.frame(), unit),
             mesh,
             network,
@@ -104,13 +108,6 @@ impl RapierTets {
         metres.collect()
     }
 
-    /// The faces of the boundary, by their nodes.
-    fn boundary(&self) -> Vec<[u32; 3]> {
-        let faces = self.topology.boundary.iter();
-        let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
-        faces.map(nodes).collect()
-    }
-
     /// Uploads the positions that were put out last, if they are new.
     fn upload(&mut self) -> Result<()> {
         let Some((version, positions)) = self.worker.published(self.shown) else {
@@ -126,6 +123,13 @@ impl RapierTets {
         self.worker.publish();
         self.upload()
     }
+}
+
+/// The faces of the boundary, by their nodes.
+fn boundary(mesh: &TetMesh, topology: &Topology) -> Vec<[u32; 3]> {
+    let faces = topology.boundary.iter();
+    let nodes = |f: &BoundaryFace| topology.boundary_nodes(mesh, *f);
+    faces.map(nodes).collect()
 }
 
 /// Refuses the schemes that rapier has not.
@@ -208,7 +212,11 @@ impl Simulator for RapierTets {
     fn set_self_contact(&mut self, wanted: SelfContact) -> Result<usize> {
         wanted.check()?;
         let mut body = self.worker.body();
-        let through = faces_through(&self.network, &self.boundary(), &body.positions())?;
+        let through = faces_through(
+            &self.network,
+            &boundary(&self.mesh, &self.topology),
+            &body.positions(),
+        )?;
         body.set_self_contact(wanted)?;
         drop(body);
         self.self_contact = Some(wanted);
@@ -220,9 +228,25 @@ impl Simulator for RapierTets {
         self.self_contact
     }
 
+    fn add_joint(&mut self, joint: Joint) -> Result<()> {
+        joint.check()?;
+        let at = self.network.to_metres(joint.at);
+        self.worker.body().add_joint(&joint, at)?;
+        self.changes += 1;
+        Ok(())
+    }
+
+    fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
+        self.finish()?;
+        Ok(self.worker.body().region_force(label))
+    }
+
     fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
         self.finish()?;
-        let nodes: BTreeSet<u32> = self.boundary().into_iter().flatten().collect();
+        let nodes: BTreeSet<u32> = boundary(&self.mesh, &self.topology)
+            .into_iter()
+            .flatten()
+            .collect();
         Ok(self.worker.body().tool_forces(&self.network, nodes))
     }
 

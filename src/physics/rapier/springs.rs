@@ -2,9 +2,12 @@
 //! rapier has them pull at the node's own mass and not at all that hangs on it, so that a node comes
 //! to rest off its place, the less the shorter the step.
 
+use super::matter::Matter;
+use super::rigid::{Bone, BoneBody};
 use super::scale::Scale;
 use crate::physics::cpu::Attachment;
 use glam::DVec3;
+use rapier3d::math::Vector;
 use rapier3d::prelude::{
     GenericJointBuilder, ImpulseJointHandle, JointAxesMask, JointAxis, MotorModel, PhysicsWorld,
     RigidBodyBuilder, RigidBodyHandle, SoftBodyHandle,
@@ -50,9 +53,53 @@ impl Spring {
     }
 }
 
+/// What a spring hangs on: a body of rapier's, and where on it.
+pub(super) struct Hook {
+    body: RigidBodyHandle,
+    arm: Vector,
+    /// The particle that it is, if it is one.
+    particle: Option<usize>,
+}
+
+impl Hook {
+    /// A node that is soft; `None` for one that is not there.
+    pub fn particle(
+        physics: &mut PhysicsWorld,
+        body: SoftBodyHandle,
+        matter: &Matter,
+        node: u32,
+    ) -> Option<Hook> {
+        let particle = matter.particles[node as usize]?;
+        let cluster = physics.add_soft_body_cluster(body, &[particle])?;
+        Some(Hook {
+            body: physics.soft_bodies[body].cluster_proxy(cluster)?,
+            arm: Vector::ZERO,
+            particle: Some(particle as usize),
+        })
+    }
+
+    /// A node of a rigid region.
+    pub fn bone(bone: &Bone, body: &BoneBody, node: u32, scale: Scale) -> Option<Hook> {
+        let own = bone.nodes.binary_search(&node).ok()?;
+        Some(Hook {
+            body: body.handle,
+            arm: scale.vector(bone.arms[own]),
+            particle: None,
+        })
+    }
+
+    /// Where it is.
+    fn place(&self, physics: &PhysicsWorld, soft: SoftBodyHandle) -> Vector {
+        match self.particle {
+            Some(i) => physics.soft_bodies[soft].particle_position(i),
+            None => *physics.bodies[self.body].position() * self.arm,
+        }
+    }
+}
+
 /// A spring in a world.
 pub(super) struct Hung {
-    node: usize,
+    hook: Hook,
     /// In rapier's units.
     limit: f32,
     anchor: RigidBodyHandle,
@@ -60,31 +107,24 @@ pub(super) struct Hung {
 }
 
 impl Hung {
-    /// Hangs `spring` on `body`; `None` for a node that is not there.
-    pub fn new(
-        physics: &mut PhysicsWorld,
-        body: SoftBodyHandle,
-        spring: &Spring,
-        scale: Scale,
-    ) -> Option<Hung> {
-        let cluster = physics.add_soft_body_cluster(body, &[spring.node])?;
-        let proxy = physics.soft_bodies[body].cluster_proxy(cluster)?;
+    /// Hangs `spring` on what it pulls at.
+    pub fn new(physics: &mut PhysicsWorld, hook: Hook, spring: &Spring, scale: Scale) -> Hung {
         let anchor = RigidBodyBuilder::kinematic_position_based();
         let anchor = physics.insert_body(anchor.translation(scale.vector(spring.target)));
         let stiffness = (spring.stiffness / scale.mass) as f32;
-        let mut joint = GenericJointBuilder::new(JointAxesMask::empty());
+        let mut joint = GenericJointBuilder::new(JointAxesMask::empty()).local_anchor2(hook.arm);
         for axis in AXES {
             joint = joint
                 .motor_model(axis, MotorModel::ForceBased)
                 .motor_position(axis, 0.0, stiffness, 0.0);
         }
         let limit = spring.limit / (scale.mass * scale.length);
-        Some(Hung {
-            node: spring.node as usize,
+        Hung {
             limit: limit.min(f64::from(f32::MAX)) as f32,
+            joint: physics.insert_impulse_joint(anchor, hook.body, joint),
+            hook,
             anchor,
-            joint: physics.insert_impulse_joint(anchor, proxy, joint),
-        })
+        }
     }
 
     /// Has it pull to `target` (m) in the next step. Motors have a limit along each axis: they share
@@ -97,7 +137,7 @@ impl Hung {
         scale: Scale,
     ) {
         let to = scale.vector(target);
-        let pull = to - physics.soft_bodies[body].particle_position(self.node);
+        let pull = to - self.hook.place(physics, body);
         physics.bodies[self.anchor].set_next_kinematic_translation(to);
         let Some(joint) = physics.impulse_joints.get_mut(self.joint, true) else {
             return;

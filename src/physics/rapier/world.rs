@@ -1,8 +1,10 @@
-//! A world of rapier with one soft body in it, and the tools that press on that.
+//! A world of rapier with one soft body in it, its rigid regions, and the tools that press on both.
 
+use super::joints::Joined;
 use super::matter::Matter;
+use super::rigid::BoneBody;
 use super::shape::collider;
-use super::springs::{Hung, Spring};
+use super::springs::{Hook, Hung, Spring};
 use crate::physics::{ConjugateGradients, SelfContact, Tool, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -89,19 +91,20 @@ impl Contacts {
 pub(super) struct World {
     physics: PhysicsWorld,
     body: SoftBodyHandle,
+    bones: Vec<BoneBody>,
     tools: Vec<RigidBodyHandle>,
     springs: Vec<Hung>,
 }
 
 impl World {
-    /// The body of `matter` at rest, and its tools at `places` (m).
+    /// The body of `matter` at rest, with these joints, and its tools at `places` (m).
     ///
     /// # Errors
-    /// [`Error::Input`] for a tool whose surface rapier refuses.
+    /// [`Error::Input`] for a tool or a rigid region whose surface rapier refuses.
     pub fn new(
         matter: &Matter,
         settings: ConjugateGradients,
-        contacts: &Contacts,
+        (contacts, joints): (&Contacts, &[Joined]),
         places: &[ToolPose],
     ) -> Result<World> {
         let mut physics = PhysicsWorld::new();
@@ -124,6 +127,10 @@ impl World {
         };
         let body = physics.insert_soft_body(builder(matter, contacts));
         stiffen(&mut physics, body, matter);
+        let bones = bones(&mut physics, body, matter, contacts)?;
+        for joint in joints {
+            joint.insert(&mut physics, &matter.bones, &bones, matter.scale);
+        }
         let mut tools = Vec::new();
         for (tool, place) in contacts.tools.iter().zip(places) {
             let scale = matter.scale;
@@ -141,6 +148,7 @@ impl World {
         Ok(World {
             physics,
             body,
+            bones,
             tools,
             springs: Vec::new(),
         })
@@ -148,7 +156,14 @@ impl World {
 
     /// Adds a spring to a target.
     pub fn add_spring(&mut self, spring: &Spring, matter: &Matter) {
-        let hung = Hung::new(&mut self.physics, self.body, spring, matter.scale);
+        let hook = match matter.owners[spring.node as usize] {
+            None => Hook::particle(&mut self.physics, self.body, matter, spring.node),
+            Some(b) => {
+                let (bone, own) = (&matter.bones[b as usize], &self.bones[b as usize]);
+                Hook::bone(bone, own, spring.node, matter.scale)
+            }
+        };
+        let hung = hook.map(|hook| Hung::new(&mut self.physics, hook, spring, matter.scale));
         self.springs.extend(hung);
     }
 
@@ -160,14 +175,68 @@ impl World {
         }
     }
 
-    /// The soft body.
-    pub fn body(&self) -> &SoftBody {
+    fn body(&self) -> &SoftBody {
         &self.physics.soft_bodies[self.body]
     }
 
-    /// As [`World::body`], to change it.
-    pub fn body_mut(&mut self) -> &mut SoftBody {
-        &mut self.physics.soft_bodies[self.body]
+    /// Puts all nodes at `x` (m), moving by `v` (m/s); rigid regions as near to that as they can be.
+    pub fn set(&mut self, x: &[DVec3], v: &[DVec3], matter: &Matter) {
+        let (scale, body) = (matter.scale, &mut self.physics.soft_bodies[self.body]);
+        for (p, node) in matter.nodes.iter().enumerate() {
+            body.set_particle_position(p, scale.vector(x[*node as usize]));
+            body.set_particle_velocity(p, scale.vector(v[*node as usize]));
+        }
+        for (own, bone) in self.bones.iter().zip(&matter.bones) {
+            own.set(&mut self.physics, bone, (x, v), scale);
+        }
+    }
+
+    /// Holds the nodes that are `held`, where they are, and lets go of the others.
+    pub fn hold(&mut self, held: &[bool], matter: &Matter) {
+        let body = &mut self.physics.soft_bodies[self.body];
+        for (p, node) in matter.nodes.iter().enumerate() {
+            // Rigid regions take their particles along.
+            let held = held[*node as usize] && matter.owners[*node as usize].is_none();
+            let particle = &body.particles()[p];
+            // Particles without mass are pinned to rapier anyway.
+            if particle.is_pinned() != held && particle.mass() > 0.0 {
+                body.set_particle_pinned(p, held);
+            }
+        }
+        if self.bones.is_empty() {
+            return;
+        }
+        let x = self.positions(matter);
+        for (own, bone) in self.bones.iter_mut().zip(&matter.bones) {
+            own.hold(&mut self.physics, bone, held, &x, matter.scale);
+        }
+    }
+
+    /// Has a node that is held go to `place` (m) with the next step.
+    pub fn lead(&mut self, node: u32, place: DVec3, matter: &Matter) {
+        match (
+            matter.owners[node as usize],
+            matter.particles[node as usize],
+        ) {
+            (Some(b), _) => self.bones[b as usize].lead(&matter.bones[b as usize], node, place),
+            (None, Some(p)) => {
+                let body = &mut self.physics.soft_bodies[self.body];
+                body.set_particle_kinematic_target(p as usize, matter.scale.vector(place));
+            }
+            (None, None) => {}
+        }
+    }
+
+    /// Puts forces (N, of all nodes) on the particles.
+    pub fn push(&mut self, forces: &[DVec3], matter: &Matter) {
+        let body = &mut self.physics.soft_bodies[self.body];
+        body.reset_forces(true);
+        for (p, node) in matter.nodes.iter().enumerate() {
+            let force = forces[*node as usize];
+            if force != DVec3::ZERO && matter.owners[*node as usize].is_none() {
+                body.add_particle_force(p, matter.scale.force(force), true);
+            }
+        }
     }
 
     /// Sets gravity.
@@ -188,26 +257,87 @@ impl World {
         }
     }
 
-    /// A step of `dt` seconds; whether the body stayed sound.
-    pub fn step(&mut self, dt: f64) -> bool {
+    /// A step of `dt` seconds, `forces` (N, of all nodes) acting on what is rigid; whether the body
+    /// stayed sound.
+    pub fn step(&mut self, dt: f64, forces: &[DVec3], matter: &Matter) -> bool {
+        for (own, bone) in self.bones.iter().zip(&matter.bones) {
+            own.aim(&mut self.physics, bone, matter.scale);
+            own.push(&mut self.physics, bone, forces, matter.scale);
+        }
         self.physics.integration_parameters.dt = dt as f32;
         self.physics.step();
         let body = self.body();
         let mut particles = body.particles().iter();
-        body.is_enabled() && particles.all(|p| p.position().is_finite() && p.velocity().is_finite())
+        let mut bones = self.bones.iter();
+        body.is_enabled()
+            && particles.all(|p| p.position().is_finite() && p.velocity().is_finite())
+            && bones.all(|b| {
+                self.physics.bodies[b.handle]
+                    .position()
+                    .translation
+                    .is_finite()
+            })
     }
 
-    /// Positions, m.
+    /// Positions of all nodes, m.
     pub fn positions(&self, matter: &Matter) -> Vec<DVec3> {
-        let all = self.body().particle_positions();
-        all.map(|x| matter.scale.metres(x)).collect()
+        let scale = matter.scale;
+        let mut all = vec![DVec3::ZERO; matter.particles.len()];
+        for (node, x) in matter.nodes.iter().zip(self.body().particle_positions()) {
+            all[*node as usize] = scale.metres(x);
+        }
+        for (own, bone) in self.bones.iter().zip(&matter.bones) {
+            let (centre, turn) = own.pose(&self.physics, scale);
+            for (node, arm) in bone.nodes.iter().zip(&bone.arms) {
+                all[*node as usize] = centre + turn * *arm;
+            }
+        }
+        all
     }
 
-    /// Velocities, m/s.
+    /// Velocities of all nodes, m/s.
     pub fn velocities(&self, matter: &Matter) -> Vec<DVec3> {
-        let all = self.body().particle_velocities();
-        all.map(|v| matter.scale.metres(v)).collect()
+        let scale = matter.scale;
+        let mut all = vec![DVec3::ZERO; matter.particles.len()];
+        for (node, v) in matter.nodes.iter().zip(self.body().particle_velocities()) {
+            all[*node as usize] = scale.metres(v);
+        }
+        for (own, bone) in self.bones.iter().zip(&matter.bones) {
+            let (centre, turn) = own.pose(&self.physics, scale);
+            for (node, arm) in bone.nodes.iter().zip(&bone.arms) {
+                let at = centre + turn * *arm;
+                all[*node as usize] = own.velocity(&self.physics, at, scale);
+            }
+        }
+        all
     }
+}
+
+/// The rigid regions of `matter`, to which particles of the soft body at rest are attached.
+fn bones(
+    physics: &mut PhysicsWorld,
+    body: SoftBodyHandle,
+    matter: &Matter,
+    contacts: &Contacts,
+) -> Result<Vec<BoneBody>> {
+    let scale = matter.scale;
+    let friction = contacts.itself.map_or(0.0, |c| c.friction);
+    let skin = contacts.skin(scale.length) as f32;
+    let contact = contacts.any().then_some((friction, skin));
+    let mut bones = Vec::with_capacity(matter.bones.len());
+    for bone in &matter.bones {
+        let own = BoneBody::new(physics, bone, scale, contact, matter.mass_damping)?;
+        for particle in bone
+            .nodes
+            .iter()
+            .filter_map(|v| matter.particles[*v as usize])
+        {
+            let soft = &mut physics.soft_bodies[body];
+            soft.attach_particle(particle as usize, own.handle, &physics.bodies);
+        }
+        bones.push(own);
+    }
+    Ok(bones)
 }
 
 /// The soft body of `matter`.

@@ -3,6 +3,7 @@
 mod acting;
 mod body;
 mod inside;
+mod joint;
 mod load;
 mod output;
 mod picture;
@@ -12,6 +13,7 @@ mod tool;
 pub use acting::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry};
 pub use body::{All, BodyEntry, GridEntry, JoinEntry, LabelsEntry, Lengths, MeshSource, Unit};
 pub use inside::{IsosurfaceEntry, PlaneEntry};
+pub use joint::{AxisEntry, JointEntry, PlainEntry};
 pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
 pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionLookEntry, XrayEntry};

@@ -20,6 +20,8 @@ mod invariance;
 mod no_rapier;
 #[cfg(feature = "rapier")]
 mod rapier;
+#[cfg(feature = "rapier")]
+mod rapier_rigid;
 mod rigid;
 mod rigid_gpu;
 mod simulators;

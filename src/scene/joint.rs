@@ -1,0 +1,48 @@
+//! Joints of a scene.
+
+use super::{JointEntry, LabelOrName};
+use crate::mesh::TetMesh;
+use crate::physics::{Joint, JointKind};
+use crate::{Error, Result};
+use glam::DVec3;
+
+impl JointEntry {
+    /// The joint of regions of `mesh`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for regions that are not there, none or more than two of them, or not one
+    /// kind of joint.
+    pub(super) fn joint(&self, mesh: &TetMesh) -> Result<Joint> {
+        let label = |of: &LabelOrName| of.label(mesh);
+        let between = match self.between.as_slice() {
+            [a] => (label(a)?, None),
+            [a, b] => (label(a)?, Some(label(b)?)),
+            other => {
+                return Err(Error::Input(format!(
+                    "a [[joint]] is `between` two rigid regions, or of one to the world, and {} are named",
+                    other.len()
+                )));
+            }
+        };
+        let radians = |[low, high]: [f64; 2]| [low.to_radians(), high.to_radians()];
+        let kind = match (&self.hinge, &self.slider, &self.ball, &self.fixed) {
+            (Some(h), None, None, None) => {
+                JointKind::Hinge(DVec3::from(h.axis), h.limits.map(radians))
+            }
+            (None, Some(s), None, None) => JointKind::Slider(DVec3::from(s.axis), s.limits),
+            (None, None, Some(_), None) => JointKind::Ball,
+            (None, None, None, Some(_)) => JointKind::Fixed,
+            _ => {
+                return Err(Error::Input(
+                    "a [[joint]] is one of `hinge`, `slider`, `ball` and `fixed`; give one of them"
+                        .into(),
+                ));
+            }
+        };
+        Ok(Joint {
+            between,
+            at: DVec3::from(self.at),
+            kind,
+        })
+    }
+}
