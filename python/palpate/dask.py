@@ -15,7 +15,6 @@ import itertools
 import json
 import math
 import os
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import fspath
@@ -360,13 +359,15 @@ def _joined(front: bytes, back: bytes) -> bytes:
 
 
 def _most_memory() -> int:
-    """The most that this process has held at once, bytes."""
+    """The most that this process has held at once, bytes; 0 where the system does not tell."""
     try:
-        import resource
-    except ImportError:
-        return 0
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return most if sys.platform == "darwin" else 1024 * most
+        # What resource tells counts what the parent held when it began this process.
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return 1024 * int(line.split()[1])
+    except OSError:
+        pass
+    return 0
 
 
 def report_of(simulator: Simulator) -> Measured:
