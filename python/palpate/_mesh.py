@@ -89,7 +89,8 @@ class Mesh:
 
     @classmethod
     def read(cls, path: PathOf) -> Mesh:
-        """A VTK, VTU, Gmsh, TetGen, Medit or Abaqus file of tets (other cells are cut into tets)."""
+        """A VTK, VTU, Gmsh, TetGen, Medit or Abaqus file of tets (other cells are cut into tets); of a
+        mesh in pieces (.pvtu) all of them, as one."""
         return cls._of(_palpate.Mesh.read(fspath(path)))
 
     @classmethod
@@ -133,9 +134,20 @@ class Mesh:
         text = json.dumps({"mesh": own})
         return cls._of(_palpate.load_mesh(text, fspath(folder), progress))
 
-    def write(self, path: PathOf) -> list[str]:
-        """Writes it in the format of the file's extension. Returns what that has no place for."""
-        return self._native.write(fspath(path))
+    def write(self, path: PathOf, *, pieces: int | None = None) -> list[str]:
+        """Writes it in the format of the file's extension. Returns what that has no place for.
+
+        Args:
+            path: the file; with ``pieces`` an index, .pvtu.
+            pieces: into how many it is cut, along a k-d tree; each is a .vtu beside the index, with
+                what it has to know to be drawn by itself (:func:`palpate.dask.render_pieces`).
+        """
+        if pieces is None:
+            return self._native.write(fspath(path))
+        if pieces < 1 or pieces != int(pieces):
+            raise InputError(f"pieces: a whole number from 1 on is expected, not {pieces}")
+        _palpate.write_pieces(self._native, fspath(path), int(pieces))
+        return []
 
     @property
     def nodes(self) -> Points:

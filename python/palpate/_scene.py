@@ -16,7 +16,7 @@ from . import _palpate
 from ._camera import Camera, CameraLike
 from ._errors import InputError
 from ._mesh import Mesh, PathOf
-from ._transfer import entry_of
+from ._transfer import entry_of, with_opacity
 
 #: Files that hold a mesh, a volume or a surface under ``[mesh] file``.
 _SCENE = ".toml"
@@ -203,6 +203,7 @@ def picture_entries(
     clim: Sequence[float] | None = None,
     cmap: Any = None,
     transfer: Any = None,
+    opacity: Any = None,
     size: Sequence[int] | None = None,
     camera: CameraLike | None = None,
     light: Any = None,
@@ -216,6 +217,8 @@ def picture_entries(
     if cmap is not None and transfer is not None:
         raise InputError("give either cmap or transfer")
     shown = cmap if transfer is None else transfer
+    if opacity is not None:
+        shown = with_opacity(shown, opacity)
     given: dict[str, Any] = {
         "field": field,
         "range": None if clim is None else [float(v) for v in clim],

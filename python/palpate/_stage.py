@@ -340,6 +340,7 @@ def render(
     clim: Sequence[float] | None = None,
     cmap: Any = None,
     transfer: Any = None,
+    opacity: Any = None,
     size: Sequence[int] | None = None,
     camera: CameraLike | None = None,
     progress: Progress | None = None,
@@ -357,6 +358,9 @@ def render(
         clim: its smallest and largest value, which stand for what is beyond them.
         cmap: a transfer function that ships, or a colour map of matplotlib; the same as ``transfer``.
         transfer: a :class:`TransferFunction`, the name of one that ships, or a JSON file.
+        opacity: as pyvista's ``add_volume`` has it, over the field's range: ``linear``, ``geom``,
+            ``sigmoid``, ``sigmoid_5`` …, ``foreground``, a number or a list of numbers from 0 to 1. It
+            is what a way of a tenth of the body's extent hides, in the colours of ``cmap``.
         size: width and height in pixels; default 1024 by 768.
         camera: a :class:`Camera`, a camera of pyvista's, or its ``camera_position``.
         progress: told of steps, as a fraction.
@@ -375,6 +379,7 @@ def render(
         clim=clim,
         cmap=cmap,
         transfer=transfer,
+        opacity=opacity,
         size=size,
         camera=camera,
         **picture,

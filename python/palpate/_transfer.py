@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Any
 
+import numpy as np
+
 from . import _palpate
 from ._errors import InputError
 
@@ -15,6 +17,9 @@ from ._errors import InputError
 #: colour maps that ship.
 _RAMP: list[list[float]] = [[0.0, 0.0], [1.0, 6.0]]
 _COLOURS = 64
+#: The share of the mesh's extent that an opacity is that of, and the most that one is taken for.
+_WAY = 0.1
+_MOST_OPACITY = 0.9999
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,48 @@ class TransferFunction:
                 "relative": self.relative,
             }
         )
+
+
+def with_opacity(transfer: Any, opacity: Any) -> TransferFunction:
+    """The colours of ``transfer`` (a colour map's name, a colour map, or a relative
+    :class:`TransferFunction`; default: viridis) with an opacity as pyvista's ``add_volume`` has it."""
+    extinction = _extinction(opacity)
+    if isinstance(transfer, TransferFunction):
+        if not transfer.relative:
+            raise InputError("opacity: it runs over the field's range, and this transfer function does not")
+        return TransferFunction(transfer.colour, extinction, relative=True)
+    return TransferFunction.from_cmap("viridis" if transfer is None else transfer, extinction)
+
+
+def _extinction(opacity: Any) -> list[list[float]]:
+    """Rows of scalar (0 to 1 over the range) and extinction per extent of the mesh."""
+    shares = np.linspace(0.0, 1.0, _COLOURS)
+    if isinstance(opacity, str):
+        name, _, steep = opacity.partition("_")
+        reversed_ = steep == "r"
+        if name == "linear" and steep in ("", "r"):
+            hides = shares
+        elif name == "geom" and steep in ("", "r"):
+            hides = np.geomspace(1e-6 / 255.0, 1.0, _COLOURS)
+        elif name == "sigmoid" and (steep == "" or steep.isdigit() and int(steep) > 0):
+            reach = float(steep or 10)
+            hides = 1.0 / (1.0 + np.exp(-reach * (2.0 * shares - 1.0)))
+        elif opacity == "foreground":
+            hides = np.where(shares > 0.0, 1.0, 0.0)
+        else:
+            raise InputError(
+                f"opacity: {opacity!r} is not known; give linear, linear_r, geom, geom_r, sigmoid, "
+                "sigmoid_N, foreground, a number or a list of numbers from 0 to 1"
+            )
+        hides = hides[::-1] if reversed_ else hides
+    else:
+        given = np.asarray(opacity)
+        levels = np.atleast_1d(given).astype(np.float64) / (255.0 if given.dtype == np.uint8 else 1.0)
+        if levels.ndim != 1 or levels.size == 0 or not ((levels >= 0.0) & (levels <= 1.0)).all():
+            raise InputError(f"opacity: a number or a list of numbers from 0 to 1 is expected, not {opacity!r}")
+        hides = np.interp(shares, np.linspace(0.0, 1.0, levels.size), levels)
+    extinction = -np.log1p(-np.minimum(hides, _MOST_OPACITY)) / _WAY
+    return [[float(s), float(e)] for s, e in zip(shares, extinction)]
 
 
 def entry_of(transfer: Any) -> str:

@@ -1,9 +1,10 @@
-"""Many pictures and many bodies on a cluster: frames, sweeps and maps as tasks of dask.distributed.
+"""Many pictures, many bodies, and bodies too large for one device, on a cluster: frames, sweeps,
+maps and pieces as tasks of dask.distributed.
 
 Each function takes a ``distributed.Client``, on this machine (``LocalCluster``) or of a cluster
 (dask-jobqueue, clouds), whose workers have this package and see the same files. Work goes a frame,
-a case or a point to a task; tasks of a worker that is lost run again elsewhere; with ``out`` what is
-done is kept in a folder and not done twice. A worker with one thread and one device is best.
+a case, a point or a piece to a task; tasks of a worker that is lost run again elsewhere; with ``out``
+what is done is kept in a folder and not done twice. A worker with one thread and one device is best.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from typing import Any, Union
 import numpy as np
 
 from . import _palpate
+from ._camera import CameraLike
 from ._errors import InputError
 from ._mesh import Mesh, PathOf
 from ._press import PressMap, _found_before, _keep, _picture, _with_files
 from ._scene import BodyLike, Scene, picture_entries
-from ._stage import Simulator, stage_of
+from ._stage import Picture, Simulator, stage_of
 
 #: What a case measures: numbers, words, lists and tables of such.
 Measured = dict[str, Any]
@@ -245,6 +247,127 @@ def press_map(
     native.take_over(found)
     stiffnesses = np.array([math.nan if k is None else k for k in found])
     return PressMap(native.places(), stiffnesses, _picture(native.rgba()), native.notes())
+
+
+@dataclass(frozen=True)
+class DrawnPiece:
+    """A piece of a body whose rays have been followed.
+
+    Attributes:
+        number: from 0 on.
+        tets: its own.
+        ghosts: tets of its neighbours that it has beside these.
+        intervals: stretches of rays that it found, 28 bytes each.
+        read_seconds: that reading it took.
+        draw_seconds: that drawing it took, on the device and off it.
+        memory: the most that its worker has held so far, bytes; 0 where the system does not tell.
+    """
+
+    number: int
+    tets: int
+    ghosts: int
+    intervals: int
+    read_seconds: float
+    draw_seconds: float
+    memory: int
+
+
+def render_pieces(
+    pvtu: PathOf,
+    camera: CameraLike | None,
+    client: Any,
+    *,
+    size: Sequence[int] | None = None,
+    each: Callable[[DrawnPiece], None] | None = None,
+    adapter: str | None = None,
+    **picture: Any,
+) -> Picture:
+    """Draws one body that is in pieces, each on a worker that reads nothing but it: the picture that
+    :func:`palpate.render` makes of the whole, within 1/255.
+
+    A piece tells for every ray the stretches inside it, with their depth, colour and opacity; two by
+    two these are put in the order of depth and what touches is composited, in a tree of tasks whose
+    last has the picture. A worker holds its piece, and stretches of as many pieces as it reduces.
+
+    Args:
+        pvtu: the index, which the workers find under the same path: of :meth:`palpate.Mesh.write` with
+            ``pieces``, or ``palpate mesh`` and ``palpate convert`` with ``--pieces``.
+        camera: as :func:`palpate.render` has it; None shows all of the body.
+        client: a ``distributed.Client``.
+        size: width and height in pixels; default 1024 by 768.
+        each: told of every piece as it is drawn.
+        adapter: which graphics adapter the workers take.
+        picture: as :func:`palpate.render` has them, of the inside of a body at rest: without planes,
+            isosurfaces, scans, skins, shadows, legends and the like, which are refused.
+
+    Returns:
+        Shape (height, width, 4), uint8: red, green, blue, opacity.
+
+    Raises:
+        InputError: for what cannot be drawn in pieces, and for pieces that another program has written.
+    """
+    index = Path(pvtu).resolve()
+    scene = Scene({}).with_(picture_entries(camera=camera, size=size, **picture))
+    entries, folder = scene.json(), fspath(scene.folder)
+    count = _palpate.count_pieces(fspath(index))
+    drawn = [
+        client.submit(
+            _draw_piece, fspath(index), n, entries, folder, adapter, pure=False, retries=RETRIES
+        )
+        for n in range(count)
+    ]
+    # What is said of a piece is small, and what its rays passed stays where it is until it is reduced.
+    said = [client.submit(_said_of, future, pure=False, retries=RETRIES) for future in drawn]
+    level = [client.submit(_told_by, future, pure=False, retries=RETRIES) for future in drawn]
+    drawn.clear()
+    while len(level) > 1:
+        pairs = [level[n : n + 2] for n in range(0, len(level), 2)]
+        level = [
+            client.submit(_joined, *pair, pure=False, retries=RETRIES) if len(pair) == 2 else pair[0]
+            for pair in pairs
+        ]
+    for future in _as_completed(said):
+        piece = future.result()
+        if each is not None:
+            each(piece)
+    told = _palpate.Intervals.from_bytes(level[0].result())
+    pixels, (width, height) = told.rgba(entries, folder)
+    return pixels.reshape(height, width, 4)
+
+
+def _draw_piece(
+    index: str, number: int, entries: str, folder: str, adapter: str | None
+) -> tuple[DrawnPiece, bytes]:
+    told, (own, held), (read, draw) = _palpate.Intervals.of_piece(
+        index, number, entries, folder, adapter
+    )
+    piece = DrawnPiece(number, own, held - own, told.count(), read, draw, _most_memory())
+    return piece, told.to_bytes()
+
+
+def _said_of(drawn: tuple[DrawnPiece, bytes]) -> DrawnPiece:
+    return drawn[0]
+
+
+def _told_by(drawn: tuple[DrawnPiece, bytes]) -> bytes:
+    return drawn[1]
+
+
+def _joined(front: bytes, back: bytes) -> bytes:
+    one, other = map(_palpate.Intervals.from_bytes, (front, back))
+    return one.joined(other).to_bytes()
+
+
+def _most_memory() -> int:
+    """The most that this process has held at once, bytes; 0 where the system does not tell."""
+    try:
+        # What resource tells counts what the parent held when it began this process.
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return 1024 * int(line.split()[1])
+    except OSError:
+        pass
+    return 0
 
 
 def report_of(simulator: Simulator) -> Measured:

@@ -115,3 +115,56 @@ def test_a_map_is_that_of_one_machine(client, tmp_path: Path) -> None:
     came.clear()
     palpate.dask.press_map(breast, (3, 2), client, out=tmp_path / "map", each=each)
     assert came == []
+
+
+def test_a_body_in_pieces_is_the_whole(client, tmp_path: Path) -> None:
+    limb = palpate.Mesh.generate("limb", tets=8000)
+    index = tmp_path / "limb.pvtu"
+    assert limb.write(index, pieces=9) == []
+    low, high = (np.array(corner) for corner in limb.bounds)
+    middle = tuple(0.5 * (low + high))
+    within = palpate.Camera(middle, tuple(np.array(middle) + (0.1, 0.3, 1.0)), up=(0, 1, 0), fov=80)
+    for n, (camera, looks) in enumerate(
+        [
+            (None, {}),
+            (within, {"field": "intensity", "clim": (-500, 1500), "cmap": "tissue"}),
+            (None, {"cmap": "viridis", "light": "none", "background": "white", "samples": 4}),
+        ]
+    ):
+        looks["size"] = (200, 150)
+        came: list[palpate.dask.DrawnPiece] = []
+
+        def each(piece: palpate.dask.DrawnPiece) -> None:
+            came.append(piece)
+            if n == 0 and len(came) == 3:
+                kill_one(client)
+
+        ours = palpate.dask.render_pieces(index, camera, client, each=each, **looks)
+        whole = palpate.render(limb, camera=camera, **looks)
+        assert ours.shape == whole.shape == (150, 200, 4)
+        assert whole[..., :3].std() > 5.0
+        apart = np.abs(ours.astype(int) - whole)
+        assert apart.max() <= 1, (n, apart.max(), apart.mean())
+        assert sorted(p.number for p in came) == list(range(9))
+        assert sum(p.tets for p in came) == len(limb.tets)
+        # A worker has its piece and what is around it, and no more.
+        assert all(0 < p.ghosts and p.tets + p.ghosts < len(limb.tets) / 3 for p in came)
+        assert all(p.memory > 10_000_000 for p in came)
+
+
+def test_what_pieces_cannot_show_is_refused_in_words(client, tmp_path: Path) -> None:
+    index = tmp_path / "box.pvtu"
+    box = palpate.Mesh.generate("box", tets=300)
+    box.write(index, pieces=2)
+    with pytest.raises(palpate.InputError, match="without a legend"):
+        palpate.dask.render_pieces(index, None, client, legend=True)
+    with pytest.raises(palpate.InputError, match="without planes"):
+        palpate.dask.render_pieces(index, None, client, clip=[(0, 0, 0, 1, 0, 0)])
+    with pytest.raises(palpate.FileError):
+        palpate.dask.render_pieces(tmp_path / "none.pvtu", None, client)
+    with pytest.raises(palpate.InputError, match="pieces"):
+        box.write(index, pieces=0)
+    with pytest.raises(palpate.InputError, match="how many"):
+        box.write(index)
+    # All of it is a mesh like any other.
+    assert np.array_equal(palpate.Mesh.read(index).tets, box.tets)

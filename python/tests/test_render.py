@@ -162,3 +162,29 @@ def test_memory_stays_over_a_thousand_renders() -> None:
     before = resident()
     draw(1000)
     assert resident() - before < 30, f"{before:.0f} MB became {resident():.0f} MB"
+
+
+def test_opacities_are_understood_as_pyvista_has_them(limb: palpate.Mesh) -> None:
+    from palpate._transfer import with_opacity
+
+    pyvista = pytest.importorskip("pyvista")
+    for name in ["linear", "linear_r", "geom", "geom_r", "sigmoid", "sigmoid_5", "foreground"]:
+        theirs = np.asarray(pyvista.opacity_transfer_function(name, 64), dtype=float) / 255.0
+        extinction = np.array(with_opacity("magma", name).extinction)[:, 1]
+        ours = 1.0 - np.exp(-0.1 * extinction)
+        # Theirs are whole numbers of 255.
+        assert np.abs(ours - theirs).max() < 1.01 / 255.0, name
+    looks = {"field": "intensity", "cmap": "magma", "size": (120, 90)}
+    faint = palpate.render(limb, opacity=0.05, **looks).astype(int)
+    dense = palpate.render(limb, opacity=[0.0, 0.3, 0.95], **looks).astype(int)
+    assert faint[..., :3].max() > 10 and dense[..., :3].mean() > 2.0 * faint[..., :3].mean()
+    assert np.array_equal(
+        palpate.render(limb, opacity=np.array([0, 255], dtype=np.uint8), **looks),
+        palpate.render(limb, opacity="linear", **looks),
+    )
+    for wrong in ["steep", 1.5, [], [[0.1]]]:
+        with pytest.raises(palpate.InputError, match="opacity"):
+            palpate.render(limb, opacity=wrong, **looks)
+    absolute = palpate.TransferFunction([[0, 1, 1, 1]], [[0, 1]])
+    with pytest.raises(palpate.InputError, match="range"):
+        palpate.render(limb, transfer=absolute, opacity=0.5)

@@ -44,6 +44,8 @@ struct Ray {
 struct Walked {
     sum: vec4<f32>,
     found: bool,
+    // z where it begins and ends, the nearer one first.
+    reach: vec2<f32>,
 }
 
 fn ray_at(position: vec2<f32>) -> Ray {
@@ -81,9 +83,9 @@ fn before_end(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
 
 // Walks again along slightly other rays when a ray ends nowhere, as one may that lies exactly in a
 // face or an edge; counts it as lost when they do as well.
-fn walk_safely(code: u32, ray: Ray, before: vec4<f32>) -> vec4<f32> {
+fn walk_safely(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var along = ray;
-    var walked = Walked(before, false);
+    var walked = Walked(before, false, vec2(0.0));
     for (var attempt = 0u; attempt < 4u && !walked.found; attempt++) {
         walked = walk(code, along, before);
         along = aside(along);
@@ -91,7 +93,7 @@ fn walk_safely(code: u32, ray: Ray, before: vec4<f32>) -> vec4<f32> {
     if !walked.found {
         atomicAdd(&lost[0], 1u);
     }
-    return walked.sum;
+    return walked;
 }
 
 @fragment
@@ -117,7 +119,12 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
         if !BACKWARDS {
             sum = begun(sum);
         }
-        sum = walk_safely(start.y, ray, sum);
+        let earlier = sum;
+#any intervals         sum = vec4(0.0);
+        let walked = walk_safely(start.y, ray, sum);
+        sum = walked.sum;
+#any intervals         tell(pixel, walked);
+#any intervals         sum = earlier + (1.0 - earlier.a) * walked.sum;
     }
     return sum;
 }

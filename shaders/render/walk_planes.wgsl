@@ -15,6 +15,7 @@
 
 #each table #import terms/TERM
 #each scan #import terms/TERM
+#each intervals #import terms/TERM
 #import lib/array
 #import lib/view
 #import lib/tet
@@ -98,6 +99,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     let slant = dot(entry.xyz, ray.run);
     let start = (entry.w - dot(entry.xyz, ray.foot)) / select(slant, -1e-12, abs(slant) < 1e-12);
     var here = spot_at(code >> 2u, ray, select(start, max(start, params.near), BACKWARDS));
+    let first = here.z;
     let cap = params.cap;
     var mark = NONE;
     var steps = 0u;
@@ -136,7 +138,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             next_z = min(next_z, here.z);
             if next_z < params.near {
                 let near = spot_at(t, ray, min(here.z, params.near));
-                return Walked(begun(before_end(sum, Segment(near, here, t), ray)), true);
+                return Walked(begun(before_end(sum, Segment(near, here, t), ray)), true, vec2(near.z, first));
             }
         } else {
             let leave = select(vec3(1e30), heights / slants, slants > vec3(0.0));
@@ -150,7 +152,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             next_z = max(next_z, here.z);
             if OCCLUDED && next_z > ray.end {
                 let end = spot_at(t, ray, max(here.z, ray.end));
-                return Walked(on_segment(sum, Segment(here, end, t), ray), true);
+                return Walked(on_segment(sum, Segment(here, end, t), ray), true, vec2(first, end.z));
             }
         }
         let next = spot_at(t, ray, next_z);
@@ -162,8 +164,9 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         at_face = record(t, 6u)[exit];
         here = next;
     }
+    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARDS);
     if is_opaque(sum) {
-        return Walked(sum, true);
+        return Walked(sum, true, reach);
     }
     // It must have come out at a point of the tet it was in last.
     let end = ray.foot + here.z * ray.run;
@@ -172,5 +175,5 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         let p = plane(last, k);
         outside = max(outside, dot(p.xyz, end) - p.w);
     }
-    return Walked(sum, !dead && at_face == NONE && outside < STRAY);
+    return Walked(sum, !dead && at_face == NONE && outside < STRAY, reach);
 }

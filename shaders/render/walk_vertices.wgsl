@@ -16,6 +16,7 @@
 
 #each table #import terms/TERM
 #each scan #import terms/TERM
+#each intervals #import terms/TERM
 #import lib/array
 #import lib/view
 #import lib/tet
@@ -86,6 +87,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             here.bright = (w.x * ga.w + w.y * gb.w + w.z * gc.w) * start_share;
         }
     }
+    let first = here.z;
     var last = t;
     let cap = params.cap;
     var mark = NONE;
@@ -152,7 +154,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             if next.z < params.near {
                 next = between(here, next, clamp((here.z - params.near) / (here.z - next.z), 0.0, 1.0));
                 next.z = min(here.z, params.near);
-                return Walked(begun(before_end(sum, Segment(next, here, t), ray)), true);
+                return Walked(begun(before_end(sum, Segment(next, here, t), ray)), true, vec2(next.z, first));
             }
             sum = before_end(sum, Segment(next, here, t), ray);
         } else {
@@ -160,7 +162,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             if OCCLUDED && next.z > ray.end {
                 next = between(here, next, clamp((ray.end - here.z) / (next.z - here.z), 0.0, 1.0));
                 next.z = max(here.z, ray.end);
-                return Walked(on_segment(sum, Segment(here, next, t), ray), true);
+                return Walked(on_segment(sum, Segment(here, next, t), ray), true, vec2(first, next.z));
             }
             sum = on_segment(sum, Segment(here, next, t), ray);
         }
@@ -168,11 +170,12 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         t = link.x;
         all = link.y;
     }
+    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARDS);
     if is_opaque(sum) {
-        return Walked(sum, true);
+        return Walked(sum, true, reach);
     }
     // It must have come out through a face of the tet it was in last.
     let home = textureLoad(tets, at(last), 0);
     let at_face = any(home == vec4(ia)) && any(home == vec4(ib)) && any(home == vec4(ic));
-    return Walked(sum, t == NONE && at_face);
+    return Walked(sum, t == NONE && at_face, reach);
 }

@@ -4,17 +4,23 @@ use super::mesh::is_surface;
 use super::{Outcome, tell};
 use clap::Args;
 use palpate::io::{self, Kind, MeshFormat};
+use palpate::scene::write_pieces;
 use palpate::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `convert`.
 #[derive(Args)]
 pub struct ConvertArguments {
-    /// A mesh (.vtk, .vtu, .msh, .node or .ele, .mesh, .inp) or a surface (.stl, .ply, .obj, .vtk)
+    /// A mesh (.vtk, .vtu, .pvtu, .msh, .node or .ele, .mesh, .inp) or a surface (.stl, .ply, .obj,
+    /// .vtk)
     input: PathBuf,
-    /// The mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp) or surface (.ply, .obj, .stl);
-    /// what its format has no place for is named
+    /// The mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp; .pvtu with --pieces) or surface
+    /// (.ply, .obj, .stl); what its format has no place for is named
     output: PathBuf,
+    /// Write the mesh as so many pieces, cut along a k-d tree: OUTPUT, a .pvtu, lists them, and each
+    /// is a .vtu beside it that can be drawn by itself (docs/cluster.md)
+    #[arg(long, value_name = "N", conflicts_with_all = ["format", "text"])]
+    pieces: Option<usize>,
     /// vtu, vtk, gmsh41, gmsh22, medit, tetgen or abaqus; default: by the extension, gmsh41 for
     /// .msh
     #[arg(long)]
@@ -30,24 +36,39 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
     match is_surface(output) {
         true => surface(arguments)?,
         false => {
-            let format = match arguments.format {
-                Some(format) => format,
-                None => MeshFormat::of(output)?,
+            let format = match (arguments.format, arguments.pieces) {
+                (Some(format), _) => Some(format),
+                (None, pieces) => format_of(output, pieces)?,
             };
             refuse_others(input)?;
             let mesh = io::read(input)?;
             tell(&mesh.repairs.warnings);
-            tell(&io::write_as(output, &mesh, format, arguments.text)?);
+            match format {
+                Some(format) => tell(&io::write_as(output, &mesh, format, arguments.text)?),
+                None => write_pieces(output, &mesh, arguments.pieces.unwrap_or(1))?,
+            }
         }
     }
     Ok(Outcome::Done)
 }
 
+/// The format that a name means; none for one of so many pieces.
+pub fn format_of(path: &Path, pieces: Option<usize>) -> Result<Option<MeshFormat>> {
+    match pieces {
+        None => MeshFormat::of(path).map(Some),
+        Some(_) if io::is_pieces(path) => Ok(None),
+        Some(_) => Err(Error::Input(format!(
+            "{}: --pieces writes files beside an index, which is called .pvtu; name that",
+            path.display()
+        ))),
+    }
+}
+
 fn surface(arguments: &ConvertArguments) -> Result<()> {
     let (input, output) = (&arguments.input, &arguments.output);
-    if arguments.format.is_some() || arguments.text {
+    if arguments.format.is_some() || arguments.text || arguments.pieces.is_some() {
         return Err(Error::Input(format!(
-            "{}: --format and --text are for meshes; a surface's format is its extension",
+            "{}: --format, --text and --pieces are for meshes; a surface's format is its extension",
             output.display()
         )));
     }

@@ -1,11 +1,11 @@
 //! `palpate mesh`: scans, segmentations and surfaces to tets; surfaces out of them.
 
+use super::convert::format_of;
 use super::{Outcome, progress, tell};
 use clap::Args;
-use palpate::io::MeshFormat;
 use palpate::mesh::SurfaceDescription;
 use palpate::mesher::{Labels, Length, MadeRegion, Recipe, RecipeReport, Size, Window};
-use palpate::scene::Unit;
+use palpate::scene::{Unit, write_pieces};
 use palpate::{Error, io};
 use std::path::{Path, PathBuf};
 
@@ -17,8 +17,8 @@ pub struct MeshArguments {
     /// tet mesh
     #[arg(required = true)]
     input: Vec<PathBuf>,
-    /// The mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp), or a surface (.ply, .obj, .stl):
-    /// the isosurface of a volume at its full resolution, or the boundary of the labels of a tet
+    /// The mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp; .pvtu with --pieces), or a surface
+    /// (.ply, .obj, .stl): the isosurface of a volume at its full resolution, or the boundary of the labels of a tet
     /// mesh
     #[arg(long, short)]
     out: PathBuf,
@@ -75,6 +75,10 @@ pub struct MeshArguments {
     /// Rounds of smoothing of a surface out
     #[arg(long, help_heading = "Fields", default_value_t = 0)]
     smooth: u32,
+    /// Write the mesh as so many pieces, cut along a k-d tree: OUT, a .pvtu, lists them, and each is a
+    /// .vtu beside it that can be drawn by itself (docs/cluster.md)
+    #[arg(long, value_name = "N")]
+    pieces: Option<usize>,
     /// Write what was made, how well and how fast as JSON
     #[arg(long)]
     report: Option<PathBuf>,
@@ -149,6 +153,10 @@ pub fn is_surface(path: &Path) -> bool {
 pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     let recipe = arguments.recipe()?;
     if is_surface(&arguments.out) {
+        if arguments.pieces.is_some() {
+            let why = "--pieces is for meshes, and a surface is written as one";
+            return Err(Error::Input(why.into()).into());
+        }
         return surface(arguments, &recipe);
     }
     if arguments.smooth > 0 {
@@ -158,9 +166,15 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
         .into());
     }
     // Before the work: a name that cannot be written is known to be one.
-    MeshFormat::of(&arguments.out)?;
+    let format = format_of(&arguments.out, arguments.pieces)?;
     let made = progress::stages(|progress| recipe.mesh(progress))?;
-    let left_out = io::write(&arguments.out, &made.mesh)?;
+    let left_out = match (format, arguments.pieces) {
+        (None, Some(pieces)) => {
+            write_pieces(&arguments.out, &made.mesh, pieces)?;
+            Vec::new()
+        }
+        _ => io::write(&arguments.out, &made.mesh)?,
+    };
     tell(&made.notes);
     tell(&left_out);
     tell(&summary(&made.report));

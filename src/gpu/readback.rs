@@ -183,10 +183,23 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::wait`].
     pub fn read_buffer<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        let staging = self.staging(buffer.size())?;
+        self.read_first_of(buffer, buffer.size())
+    }
+
+    /// The first `bytes` of `buffer`, at most all of it and in whole words, as a list of `T`.
+    ///
+    /// # Errors
+    /// As [`Gpu::wait`].
+    pub(crate) fn read_first_of<T: bytemuck::Pod>(
+        &self,
+        buffer: &wgpu::Buffer,
+        bytes: u64,
+    ) -> Result<Vec<T>> {
+        let bytes = bytes.next_multiple_of(4).min(buffer.size());
+        let staging = self.staging(bytes)?;
         let mut work = self.record();
         work.encoder()
-            .copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
+            .copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes);
         work.submit()?;
         self.map(&staging)
     }

@@ -6,7 +6,8 @@
 //! - `#term KIND`, in the file of a term, says what it is: `matter`, which gathers over what is
 //!   around a node, `law`, by which a tet resists, `rigid`, by which nodes move together, `node`,
 //!   which acts on each node by itself, `contact`, tools that press; of walks `reads`, how they read
-//!   the mesh, `table`, by which they look up what a ray passes, or `scan`, what the mesh carries.
+//!   the mesh, `table`, by which they look up what a ray passes, `scan`, what the mesh carries, or `intervals`,
+//!   which tells each way through the mesh by itself.
 //! - `#for PROGRAM …`, in the file of a term: what follows, up to the next such line, stands in
 //!   these programs only; after `#for all` in every one.
 //! - `#each KIND LINE`: the line stands once for each term of the kind, with `TERM` and `INDEX`
@@ -25,8 +26,16 @@ use wgpu::naga;
 const SHADERS: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
 
 /// The kinds of terms, in the order in which their names stand.
-const KINDS: [&str; 8] = [
-    "matter", "law", "rigid", "node", "contact", "reads", "table", "scan",
+const KINDS: [&str; 9] = [
+    "matter",
+    "law",
+    "rigid",
+    "node",
+    "contact",
+    "reads",
+    "table",
+    "scan",
+    "intervals",
 ];
 
 /// What the number of a binding is where it follows from those before.
@@ -83,8 +92,8 @@ pub fn add_shader(name: &str, source: &str) -> Result<()> {
 
 /// Names of all shaders that can be prepared as a pass: everything outside `lib/` and `terms/`,
 /// with everything that it cannot do without and can be composed with, with rigid bodies or without,
-/// with each of the terms that act on nodes or without, with tools or without, and with scans or
-/// without.
+/// with each of the terms that act on nodes or without, with tools or without, with scans or without,
+/// and with ways told by themselves or without.
 pub fn shader_names() -> impl Iterator<Item = String> {
     let programs = SHADERS.iter().map(|(name, _)| *name);
     programs
@@ -101,7 +110,7 @@ fn compositions(program: &str) -> Vec<String> {
         }
         let fitting: Vec<&str> = terms(kind).filter(|t| stands_in(t, program)).collect();
         let alone = match kind {
-            "rigid" | "node" | "contact" | "scan" => names.clone(),
+            "rigid" | "node" | "contact" | "scan" | "intervals" => names.clone(),
             // These a program cannot do without.
             _ => Vec::new(),
         };

@@ -46,6 +46,12 @@ impl MeshFormat {
     pub fn of(path: impl AsRef<Path>) -> Result<MeshFormat> {
         let path = path.as_ref();
         let extension = super::extension(path);
+        if super::is_pieces(path) {
+            return Err(Error::Input(format!(
+                "{}: a mesh is written in pieces (.pvtu) where it is said how many: --pieces N of `palpate mesh` and `convert`",
+                path.display()
+            )));
+        }
         let found = FORMATS
             .iter()
             .find(|(.., extensions)| extensions.contains(&extension.as_str()));

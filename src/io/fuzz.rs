@@ -25,6 +25,11 @@ pub fn pvd(bytes: &[u8]) -> Parsed<usize> {
     super::pvd::parse(bytes).map(|frames| frames.len())
 }
 
+/// An index of pieces; returns how many.
+pub fn pvtu(bytes: &[u8]) -> Parsed<usize> {
+    super::pvtu::index(bytes).map(|files| files.len())
+}
+
 /// A surface file with that extension.
 pub fn surface(extension: &str, bytes: &[u8]) -> Parsed<TriMesh> {
     super::surface::surface_of(bytes, extension)

@@ -27,6 +27,7 @@ mod medit;
 mod medit_write;
 mod parse;
 mod pvd;
+mod pvtu;
 mod remarks;
 mod scalar;
 mod surface;
@@ -51,6 +52,8 @@ pub use format::{MeshFormat, write, write_as};
 pub use frames::{FrameStream, StreamedFrame};
 pub use parse::{parse, parse_surface, parse_volume};
 pub use pvd::{Frame, PvdSeries, read_pvd};
+pub(crate) use pvtu::OWN;
+pub use pvtu::{is_pieces, piece_files, read_piece, write_pieces};
 pub use surface::{read_surface, write_surface};
 pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
 pub use volume::{read_volume, write_volume};
@@ -64,9 +67,10 @@ use crate::{Error, Result};
 use std::path::Path;
 
 /// What [`read`] can read, for messages.
-const READABLE: &str = "VTK legacy (.vtk), VTK XML (.vtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh) and Abaqus (.inp)";
+const READABLE: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh) and Abaqus (.inp)";
 
-/// Reads a mesh of any format that is known: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, Abaqus.
+/// Reads a mesh of any format that is known: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, Abaqus;
+/// of a mesh in pieces (`.pvtu`) all of them, as one.
 /// The content decides, then the extension. What was changed on the way (cells cut or dropped,
 /// repairs) is told in [`TetMesh::repairs`].
 ///
@@ -79,9 +83,12 @@ pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
         tetgen::read(path)?
     } else {
         let bytes = content(path)?;
-        format_of(&bytes, &extension)
-            .and_then(|reader| reader(&bytes))
-            .map_err(|e| Error::format(path, e))?
+        match holds_pieces(&bytes) {
+            true => pvtu::read(path, &bytes)?,
+            false => format_of(&bytes, &extension)
+                .and_then(|reader| reader(&bytes))
+                .map_err(|e| Error::format(path, e))?,
+        }
     };
     raw.into_tets().map_err(|e| Error::format(path, e))
 }
@@ -125,9 +132,21 @@ pub fn kind(path: impl AsRef<Path>) -> Result<Kind> {
 
 type Reader = fn(&[u8]) -> cursor::Parse<cells::RawMesh>;
 
-fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
+/// What a file begins with, in small letters.
+fn start_of(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(4096)];
-    let start = String::from_utf8_lossy(start.trim_ascii_start()).to_ascii_lowercase();
+    String::from_utf8_lossy(start.trim_ascii_start()).to_ascii_lowercase()
+}
+
+/// Whether this is an index of the pieces of a mesh.
+fn holds_pieces(bytes: &[u8]) -> bool {
+    let start = start_of(bytes);
+    let kind = format!("\"{}\"", pvtu::KIND.to_ascii_lowercase());
+    start.starts_with('<') && start.contains("<vtkfile") && start.contains(&kind)
+}
+
+fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
+    let start = start_of(bytes);
     let begins = |magic: &[u8]| start.as_bytes().starts_with(&magic.to_ascii_lowercase());
     let first_word = start
         .lines()
@@ -143,7 +162,10 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
                 "this is a series of meshes (.pvd), not a mesh; name one of its files".into(),
             );
         }
-        Ok(vtu::read)
+        match holds_pieces(bytes) {
+            true => Ok(pvtu::refuse),
+            false => Ok(vtu::read),
+        }
     } else if begins(gmsh::MAGIC) || begins(gmsh::MAGIC_1) || (begins(b"$") && extension == "msh") {
         Ok(gmsh::read)
     } else if first_word.is_some_and(|w| w.starts_with(medit::MAGIC)) {

@@ -18,18 +18,17 @@ use quick_xml::events::{BytesStart, Event};
 
 /// Reads the content of a `.vtu` file.
 pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+    Outline::read(bytes)?.mesh()
+}
+
+/// The same, and the bytes that the file tells of the mesh as a whole under `name`, if it does.
+pub(super) fn read_telling(bytes: &[u8], name: &str) -> Parse<(RawMesh, Option<Vec<u8>>)> {
     let outline = Outline::read(bytes)?;
-    let mut mesh = RawMesh::default();
-    outline.global().add_to(&mut mesh);
-    for (number, piece) in outline.pieces.iter().enumerate() {
-        outline
-            .add_piece(piece, number > 0, &mut mesh)
-            .map_err(|e| match outline.pieces.len() {
-                1 => e,
-                _ => format!("piece {number} (counted from 0): {e}"),
-            })?;
-    }
-    Ok(mesh)
+    let told = outline.global.iter().find(|(array, _)| array.name == name);
+    let told = told.and_then(|(array, tuples)| outline.global_numbers(array, *tuples));
+    let byte = |x: &f64| (x.fract() == 0.0 && (0.0..256.0).contains(x)).then_some(*x as u8);
+    let told = told.and_then(|numbers| numbers.iter().map(byte).collect());
+    Ok((outline.mesh()?, told))
 }
 
 /// The tags of the file; its data not decoded yet.
@@ -50,6 +49,19 @@ struct Piece {
 }
 
 impl<'a> Outline<'a> {
+    fn mesh(&self) -> Parse<RawMesh> {
+        let mut mesh = RawMesh::default();
+        self.global().add_to(&mut mesh);
+        for (number, piece) in self.pieces.iter().enumerate() {
+            self.add_piece(piece, number > 0, &mut mesh)
+                .map_err(|e| match self.pieces.len() {
+                    1 => e,
+                    _ => format!("piece {number} (counted from 0): {e}"),
+                })?;
+        }
+        Ok(mesh)
+    }
+
     fn read(file: &'a [u8]) -> Parse<Outline<'a>> {
         let mut reader = Reader::from_reader(file);
         let mut outline = Outline {
@@ -190,21 +202,22 @@ impl<'a> Outline<'a> {
             if !vtk_regions::is_known(&array.name) {
                 continue;
             }
-            if array.format == "ascii" {
-                // Numbers, or the bytes of strings.
-                let text = String::from_utf8_lossy(&self.file[array.text.clone()]);
-                let numbers: Vec<f64> = text
-                    .split_whitespace()
-                    .map_while(|word| word.parse().ok())
-                    .collect();
-                global.array(&array.name, &numbers);
-            } else if let Some(tuples) = tuples
-                && let Ok((numbers, _)) = self.values(array, *tuples)
-            {
+            if let Some(numbers) = self.global_numbers(array, *tuples) {
                 global.array(&array.name, &numbers);
             }
         }
         global
+    }
+
+    /// The numbers of an array of the whole mesh, as far as they can be read.
+    fn global_numbers(&self, array: &Array, tuples: Option<usize>) -> Option<Vec<f64>> {
+        if array.format != "ascii" {
+            return Some(self.values(array, tuples?).ok()?.0);
+        }
+        // Numbers, or the bytes of strings.
+        let text = String::from_utf8_lossy(&self.file[array.text.clone()]);
+        let words = text.split_whitespace();
+        Some(words.map_while(|word| word.parse().ok()).collect())
     }
 
     fn add_piece(&self, piece: &Piece, later: bool, mesh: &mut RawMesh) -> Parse<()> {

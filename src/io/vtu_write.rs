@@ -21,6 +21,17 @@ const BLOCK: usize = 1 << 18;
 /// # Errors
 /// Positions or a field that do not fit the mesh, or the file cannot be written.
 pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field]) -> Result<()> {
+    write_telling(path, mesh, nodes, extra, None)
+}
+
+/// The same with bytes that are told of the mesh as a whole, under a name.
+pub(super) fn write_telling(
+    path: &Path,
+    mesh: &TetMesh,
+    nodes: &[DVec3],
+    extra: &[Field],
+    told: Option<(&str, &[u8])>,
+) -> Result<()> {
     if nodes.len() != mesh.nodes.len() {
         return Err(Error::Mesh(format!(
             "{} positions were given for {} nodes",
@@ -42,7 +53,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field
     let mut appended = Vec::new();
     let mut head = format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n{}<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
-        global(mesh),
+        global(mesh, told),
         nodes.len(),
         mesh.tets.len()
     );
@@ -130,7 +141,17 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field
 }
 
 /// The tags that tell of the mesh as a whole; nothing where nothing is known.
-fn global(mesh: &TetMesh) -> String {
+fn global(mesh: &TetMesh, told: Option<(&str, &[u8])>) -> String {
+    let tag = |name: &str, kind: &str, count: usize, text: String| {
+        let name = escaped(name);
+        format!(
+            "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfTuples=\"{count}\" format=\"ascii\">{text}</DataArray>\n"
+        )
+    };
+    let told = told.map(|(name, bytes)| {
+        let words: Vec<String> = bytes.iter().map(u8::to_string).collect();
+        tag(name, "UInt8", bytes.len(), words.join(" "))
+    });
     let tags: String = vtk_regions::arrays(mesh)
         .into_iter()
         .map(|(name, values)| {
@@ -141,9 +162,9 @@ fn global(mesh: &TetMesh) -> String {
                     ("Int64", labels.len(), words.join(" "))
                 }
             };
-            let name = escaped(&name);
-            format!("<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfTuples=\"{count}\" format=\"ascii\">{text}</DataArray>\n")
+            tag(&name, kind, count, text)
         })
+        .chain(told)
         .collect();
     match tags.is_empty() {
         true => tags,

@@ -18,6 +18,7 @@ mod moved;
 mod order;
 mod packed_normal;
 mod part;
+mod pieces;
 mod quality;
 mod region_field;
 mod region_surface;
@@ -46,6 +47,7 @@ pub(crate) use hierarchy::{Bounds, Hierarchy, around};
 pub use order::morton_order;
 pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
+pub use pieces::{MeshPiece, Parted, kd_parts};
 pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
 };

@@ -46,21 +46,29 @@ impl Topology {
             neighbours[a as usize / 4][a as usize % 4] = b;
             neighbours[b as usize / 4][b as usize % 4] = a;
         }
-        let boundary = neighbours
-            .iter()
-            .enumerate()
-            .flat_map(|(t, n)| {
-                (0..4)
-                    .filter(move |f| n[*f] == NO_NEIGHBOUR)
-                    .map(move |f| BoundaryFace {
-                        tet: t as u32,
-                        face: f as u32,
-                    })
-            })
-            .collect();
         Topology {
+            boundary: bare(&neighbours),
             neighbours,
-            boundary,
+        }
+    }
+
+    /// The same for rays that meet the first `own` tets alone, as of a piece that has others around
+    /// it: what these have in common with the others is boundary, and the others have none, being
+    /// their own neighbours all around.
+    pub fn showing_first(&self, own: usize) -> Topology {
+        let mut neighbours = self.neighbours.clone();
+        for (t, across) in neighbours.iter_mut().enumerate() {
+            for (f, code) in across.iter_mut().enumerate() {
+                if t >= own {
+                    *code = (4 * t + f) as u32;
+                } else if *code != NO_NEIGHBOUR && *code as usize / 4 >= own {
+                    *code = NO_NEIGHBOUR;
+                }
+            }
+        }
+        Topology {
+            boundary: bare(&neighbours),
+            neighbours,
         }
     }
 
@@ -68,6 +76,19 @@ impl Topology {
     pub fn boundary_nodes(&self, mesh: &TetMesh, b: BoundaryFace) -> [u32; 3] {
         FACES[b.face as usize].map(|i| mesh.tets[b.tet as usize][i])
     }
+}
+
+/// The faces without a neighbour, in the order of their tets.
+fn bare(neighbours: &[[u32; 4]]) -> Vec<BoundaryFace> {
+    let of_tet = |(t, across): (usize, &[u32; 4])| {
+        let across = *across;
+        let faces = (0..4).filter(move |f| across[*f] == NO_NEIGHBOUR);
+        faces.map(move |f| BoundaryFace {
+            tet: t as u32,
+            face: f as u32,
+        })
+    };
+    neighbours.iter().enumerate().flat_map(of_tet).collect()
 }
 
 /// Number of faces that more than two tets share.

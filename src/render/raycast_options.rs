@@ -65,6 +65,8 @@ pub enum Mode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Gathered {
     Composite,
+    /// The same, each way through the mesh also by itself.
+    Intervals,
     Thickness,
     Statistics,
     Maximum,
@@ -77,7 +79,7 @@ impl Gathered {
     /// Its number in `lib/segment.wgsl`.
     pub fn code(self) -> f64 {
         match self {
-            Gathered::Composite => 0.0,
+            Gathered::Composite | Gathered::Intervals => 0.0,
             Gathered::Thickness => 1.0,
             Gathered::Statistics => 2.0,
             Gathered::Maximum => 3.0,
@@ -85,6 +87,11 @@ impl Gathered {
             Gathered::Mean => 5.0,
             Gathered::Xray => 6.0,
         }
+    }
+
+    /// Whether it is emission and absorption.
+    pub fn is_composite(self) -> bool {
+        matches!(self, Gathered::Composite | Gathered::Intervals)
     }
 
     /// Whether it is a scalar's projection.

@@ -50,6 +50,7 @@ mod measure;
 mod motion;
 mod path;
 mod picture;
+mod pieces;
 mod reactions;
 mod region;
 mod region_looks;
@@ -65,6 +66,7 @@ mod stage;
 #[cfg(test)]
 mod tests;
 mod tool;
+mod whole;
 mod words;
 mod xray;
 
@@ -79,10 +81,12 @@ pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport, ToolReport};
 pub use motion::Motion;
 pub(crate) use picture::SIZE;
+pub use pieces::{Piece, write_pieces};
 pub use reactions::ReactionLog;
 pub use region::{Axis, LabelOrName, Region};
 pub use source::ScalarField;
 pub use stage::{STEPS, Stage};
+pub use whole::Whole;
 
 use crate::files;
 use crate::physics::EngineChoice;

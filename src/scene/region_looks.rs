@@ -20,31 +20,48 @@ impl Scene {
         topology: &Topology,
         transfer: &TransferFunction,
     ) -> Result<Option<RegionLooks>> {
-        let (entries, hide) = (&self.picture.region, &self.picture.hide);
-        if entries.is_empty() && hide.is_empty() {
+        if !self.picture.looks_at_regions() {
             return Ok(None);
         }
-        let Some(field) = mesh.region_field() else {
+        let regions = mesh.region_field().map(|field| {
+            let labels: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
+            let ways = mean_ways(mesh, topology, &labels);
+            (labels, ways)
+        });
+        let extent = LocalFrame::of_mesh(mesh).scale;
+        let looks = self.looks_of_regions(mesh, regions, extent, transfer)?;
+        Ok(Some(looks))
+    }
+
+    /// The same of `mesh`, a whole or a piece: the label of each of its tets with the mean way of a ray
+    /// through each region of the whole, and the extent of that.
+    pub(super) fn looks_of_regions(
+        &self,
+        mesh: &TetMesh,
+        regions: Option<(Vec<i64>, BTreeMap<i64, f64>)>,
+        extent: f64,
+        transfer: &TransferFunction,
+    ) -> Result<RegionLooks> {
+        let (entries, hide) = (&self.picture.region, &self.picture.hide);
+        let Some((labels, ways)) = regions else {
             return Err(Error::Input(
                 "[picture.region] and hide (--hide) name regions of the mesh, and it has none: no cell field of whole numbers says them".into(),
             ));
         };
-        let labels: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
         let mut transfers = vec![transfer.clone()];
         let mut looks: BTreeMap<i64, Option<u32>> = BTreeMap::new();
         for name in hide {
-            looks.insert(label(mesh, &labels, name)?, None);
+            looks.insert(label(mesh, &ways, name)?.0, None);
         }
         for (name, entry) in entries {
-            let label = label(mesh, &labels, name)?;
+            let (label, way) = label(mesh, &ways, name)?;
             if looks.contains_key(&label) {
                 continue;
             }
-            let region = (mesh, topology, labels.as_slice(), label);
             let own = match entry.hidden {
                 true => None,
                 false => {
-                    let own = entry.made(self, transfer, region);
+                    let own = entry.made(self, transfer, (way, extent));
                     let named = |e| Error::Input(format!("[picture.region.{name}]: {e}"));
                     transfers.push(own.map_err(named)?);
                     Some(transfers.len() as u32 - 1)
@@ -53,10 +70,10 @@ impl Scene {
             looks.insert(label, own);
         }
         let look = |label: &i64| looks.get(label).copied().unwrap_or(Some(0));
-        Ok(Some(RegionLooks {
+        Ok(RegionLooks {
             of_tets: labels.iter().map(look).collect(),
             transfers,
-        }))
+        })
     }
 }
 
@@ -66,7 +83,7 @@ impl RegionLookEntry {
         &self,
         scene: &Scene,
         own: &TransferFunction,
-        (mesh, topology, labels, label): (&TetMesh, &Topology, &[i64], i64),
+        (way, extent): (f64, f64),
     ) -> Result<TransferFunction> {
         let mut shown = match &self.transfer {
             Some(named) => scene.named_transfer(named)?,
@@ -87,38 +104,39 @@ impl RegionLookEntry {
                 "opacity = {opacity}: what a ray's mean way through the region hides, from 0 to 1, is expected"
             )));
         }
-        let way = mean_way(mesh, topology, labels, label).max(f64::MIN_POSITIVE);
-        let extent = LocalFrame::of_mesh(mesh).scale;
+        let way = way.max(f64::MIN_POSITIVE);
         Ok(shown.as_dense((1.0 - opacity).max(CLEAR).ln().abs() / way, extent))
     }
 }
 
-/// The label of the region that is named, or given by its label; it has tets.
-fn label(mesh: &TetMesh, labels: &[i64], name: &str) -> Result<i64> {
+/// The label of the region that is named, or given by its label, and the mean way through it; it has
+/// tets.
+fn label(mesh: &TetMesh, ways: &BTreeMap<i64, f64>, name: &str) -> Result<(i64, f64)> {
     let label = mesh.region_label(name)?;
-    match labels.contains(&label) {
-        true => Ok(label),
-        false => Err(Error::Input(format!(
+    match ways.get(&label) {
+        Some(way) => Ok((label, *way)),
+        None => Err(Error::Input(format!(
             "no tet of the mesh is of region {name}; `palpate info` lists the regions"
         ))),
     }
 }
 
-/// The mean way of a ray through a region of volume V and surface S: 4V/S (Cauchy).
-fn mean_way(mesh: &TetMesh, topology: &Topology, labels: &[i64], label: i64) -> f64 {
-    let (mut volume, mut surface) = (0.0, 0.0);
+/// The mean way of a ray through each region, of volume V and surface S: 4V/S (Cauchy).
+pub(super) fn mean_ways(mesh: &TetMesh, topology: &Topology, labels: &[i64]) -> BTreeMap<i64, f64> {
+    let mut sums: BTreeMap<i64, [f64; 2]> = BTreeMap::new();
     for (t, neighbours) in topology.neighbours.iter().enumerate() {
-        if labels[t] != label {
-            continue;
-        }
-        volume += mesh.tet_volume(t).abs();
+        let [volume, surface] = sums.entry(labels[t]).or_default();
+        *volume += mesh.tet_volume(t).abs();
         for (face, neighbour) in FACES.iter().zip(neighbours) {
-            if *neighbour != NO_NEIGHBOUR && labels[*neighbour as usize / 4] == label {
+            if *neighbour != NO_NEIGHBOUR && labels[*neighbour as usize / 4] == labels[t] {
                 continue;
             }
             let [a, b, c] = face.map(|i| mesh.nodes[mesh.tets[t][i] as usize]);
-            surface += 0.5 * (b - a).cross(c - a).length();
+            *surface += 0.5 * (b - a).cross(c - a).length();
         }
     }
-    4.0 * volume / f64::max(surface, f64::MIN_POSITIVE)
+    let way = |[volume, surface]: [f64; 2]| 4.0 * volume / f64::max(surface, f64::MIN_POSITIVE);
+    sums.into_iter()
+        .map(|(label, sums)| (label, way(sums)))
+        .collect()
 }

@@ -327,7 +327,7 @@ fn first_scalar(mesh: &TetMesh) -> Option<&Field> {
 }
 
 /// One number for each tuple: vectors by their length.
-fn tuple_lengths(field: &Field) -> Vec<f64> {
+pub(super) fn tuple_lengths(field: &Field) -> Vec<f64> {
     match field.components {
         1 => field.values.clone(),
         n => field

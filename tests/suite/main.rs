@@ -17,6 +17,7 @@ mod scene_carried;
 mod scene_contact;
 mod scene_fields;
 mod scene_loads;
+mod scene_pieces;
 mod scene_reactions;
 mod scene_scan;
 mod scene_tools;

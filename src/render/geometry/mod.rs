@@ -5,16 +5,19 @@
 //! that positions come straight from whoever moves them.
 
 use crate::gpu::{Array, Gpu, Pass, Positions, Texel};
-use crate::mesh::{FACES, LocalFrame, TET_EDGES, TetMesh, Topology, morton_order};
+use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
 use crate::{Error, Result, parallel};
 
 mod follow;
 mod gradients;
+mod measures;
 mod placed;
 mod records;
 mod scalars;
 
 use gradients::Gradients;
+pub use measures::Measures;
+use measures::{longest_edge, mean_chord, scalar_range, spread};
 use placed::Placed;
 use records::Records;
 
@@ -30,11 +33,6 @@ mod gpu_data {
 const LINKS: usize = 4;
 /// Tets whose data are made and sent at a time, so that no list of all is needed.
 const TETS_AT_ONCE: usize = 1 << 20;
-/// Parts of the range of scalars that are told apart where it is asked what is frequent, and tets that
-/// are looked at for it.
-const SPREAD: usize = 256;
-const TETS_OF_SPREAD: usize = 1 << 16;
-
 /// The scalar that is seen.
 #[derive(Clone, Copy, Debug)]
 pub enum Scalars<'a> {
@@ -327,68 +325,6 @@ fn check_input(mesh: &TetMesh, positions: &Array, scalars: Scalars) -> Result<()
             values[i]
         ))),
     }
-}
-
-/// Smallest and largest scalar, apart by 1 where they are equal.
-fn scalar_range(scalars: &[f64]) -> (f64, f64) {
-    let (low, high) = scalars
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), s| {
-            (a.min(*s), b.max(*s))
-        });
-    if high > low {
-        (low, high)
-    } else {
-        (low, low + 1.0)
-    }
-}
-
-/// The longest edge, of parts by several threads.
-fn longest_edge(mesh: &TetMesh) -> f64 {
-    let longest = parallel::collect(mesh.tets.len(), |range, longest| {
-        let edges = range.flat_map(|t| {
-            let p = mesh.tet_nodes(t);
-            TET_EDGES.map(|[a, b]| p[a].distance_squared(p[b]))
-        });
-        longest.push(edges.fold(0.0, f64::max));
-    });
-    longest.into_iter().fold(0.0, f64::max).sqrt()
-}
-
-/// Four times the volume over the surface, of all tets together: the mean chord of convex bodies
-/// (Cauchy).
-fn mean_chord(mesh: &TetMesh) -> f64 {
-    let volume = parallel::sum(mesh.tets.len(), |t| mesh.tet_volume(t).abs());
-    let surface = parallel::sum(mesh.tets.len(), |t| {
-        let corners = mesh.tet_nodes(t);
-        let areas = FACES.iter().map(|face| {
-            let [p, q, r] = face.map(|k| corners[k]);
-            0.5 * (q - p).cross(r - p).length()
-        });
-        areas.sum()
-    });
-    4.0 * volume / surface.max(f64::MIN_POSITIVE)
-}
-
-/// The share of the volume whose scalar lies in each of [`SPREAD`] equal parts of the range: of every
-/// so many tets in large meshes.
-fn spread(mesh: &TetMesh, scalars: Scalars, range: (f64, f64)) -> std::sync::Arc<[f64]> {
-    let mut spread = vec![0.0; SPREAD];
-    let every = mesh.tets.len().div_ceil(TETS_OF_SPREAD).max(1);
-    for t in (0..mesh.tets.len()).step_by(every) {
-        let middle = match scalars {
-            Scalars::Nodes(values) => {
-                mesh.tets[t].map(|v| values[v as usize]).iter().sum::<f64>() / 4.0
-            }
-            Scalars::Cells(values) => values[t],
-        };
-        let bin = (share(middle, range) * SPREAD as f32) as usize;
-        spread[bin.min(SPREAD - 1)] += mesh.tet_volume(t).abs();
-    }
-    let whole: f64 = spread.iter().sum();
-    let each = |part: &mut f64| *part /= whole.max(f64::MIN_POSITIVE);
-    spread.iter_mut().for_each(each);
-    spread.into()
 }
 
 fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffer) -> Result<Pass> {

@@ -59,7 +59,7 @@ impl Raycaster {
         if self.options.walk == Walk::Planes {
             self.geometry.record_refresh(work)?;
         }
-        if self.options.light.is_on() && gathered == Gathered::Composite {
+        if self.options.light.is_on() && gathered.is_composite() {
             let from_nodes = self.looks.scans().is_none() || self.options.shadows > 0.0;
             if from_nodes && self.geometry.gradients().is_none() {
                 return Err(Error::Input(
@@ -197,12 +197,15 @@ impl Raycaster {
         let reads = if stored { "stored" } else { "sampled" };
         let scans = self.looks.scans();
         let scan = if scans.is_some() { " scan" } else { "" };
-        let name = format!("{walk} {reads} {}{scan}", form.term(stored));
+        let told = self.told.as_ref();
+        let told = told.filter(|_| gathered == Gathered::Intervals);
+        let intervals = if told.is_some() { " intervals" } else { "" };
+        let name = format!("{walk} {reads} {}{scan}{intervals}", form.term(stored));
         let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
             let sum = &peel.sums[1 - writes];
             let opaque = occluder.unwrap_or(&self.nothing_opaque);
             let geometry = &self.geometry;
-            let lit = self.options.light.is_on() && gathered == Gathered::Composite;
+            let lit = self.options.light.is_on() && gathered.is_composite();
             let looks = &self.looks;
             let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
             let resting = looks.needs_rest() || gathered == Gathered::Xray;
@@ -246,6 +249,9 @@ impl Raycaster {
                     .constant("LABELS", flag(held.has_labels()))
                     .constant("STEP", self.options.scan_step)
                     .constant("SCANNED", 1.0);
+            }
+            if let Some(told) = told {
+                builder = builder.write(told);
             }
             for (constant, value) in looks.table.constants() {
                 builder = builder.constant(constant, *value);

@@ -7,6 +7,7 @@
 //! ([`super::table`]). Nothing is read back to decide anything.
 
 mod draw;
+mod intervals;
 mod looks;
 mod shadows;
 
@@ -38,6 +39,8 @@ pub struct Raycaster {
     /// Where regions have no looks of their own.
     no_rows: Array,
     shadows: Option<Shadows>,
+    /// Where ways through the mesh are told by themselves, where they were asked for.
+    told: Option<wgpu::Buffer>,
     frame: Option<Frame>,
 }
 
@@ -83,6 +86,7 @@ impl Raycaster {
             )?,
             no_rows: gpu.array("no regions", Texel::U32, 1)?,
             shadows: None,
+            told: None,
             frame: None,
         })
     }

@@ -6,6 +6,7 @@ mod film;
 mod frames;
 mod mesh;
 mod pick;
+mod pieces;
 mod resume;
 mod scan;
 mod warp;

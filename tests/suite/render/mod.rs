@@ -11,6 +11,7 @@ mod light;
 mod peeling;
 mod picks;
 mod pictures;
+mod pieces;
 mod planes;
 mod projections;
 mod recording;

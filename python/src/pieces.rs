@@ -1,0 +1,93 @@
+//! Bodies in pieces, each drawn by itself.
+
+use crate::devices::device;
+use crate::errors::Raise;
+use crate::mesh::Mesh;
+use crate::scenes;
+use numpy::{IntoPyArray, PyArray1};
+use palpate::scene::Piece;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// What the rays of a picture pass in some of a body's pieces.
+#[pyclass(frozen, module = "palpate._palpate")]
+pub struct Intervals(palpate::render::Intervals);
+
+#[pymethods]
+impl Intervals {
+    /// Of one piece, for the picture that these entries describe; its own tets, and with its
+    /// neighbours'; and the seconds that reading and drawing it took.
+    #[staticmethod]
+    fn of_piece(
+        py: Python<'_>,
+        index: PathBuf,
+        number: usize,
+        entries: &str,
+        folder: PathBuf,
+        adapter: Option<String>,
+    ) -> PyResult<(Intervals, [usize; 2], [f64; 2])> {
+        let gpu = device(py, adapter)?;
+        let told = py.detach(|| {
+            let scene = scenes::scene(entries, &folder)?;
+            let start = Instant::now();
+            let piece = Piece::read(&index, number)?;
+            let read = start.elapsed();
+            let told = piece.intervals(&gpu, &scene)?;
+            let times = [read, start.elapsed() - read].map(|t| t.as_secs_f64());
+            let mesh = piece.mesh();
+            Ok((Intervals(told), [mesh.own, mesh.tets.len()], times))
+        });
+        told.or_raise(py)
+    }
+
+    /// These and those of other pieces.
+    fn joined(&self, py: Python<'_>, other: &Intervals) -> PyResult<Intervals> {
+        let joined = py.detach(|| self.0.with(&other.0)).or_raise(py)?;
+        Ok(Intervals(joined))
+    }
+
+    /// How many there are.
+    fn count(&self) -> usize {
+        self.0.items().len()
+    }
+
+    /// The picture of all pieces, as a PNG has it: red, green, blue and opacity a pixel.
+    fn rgba<'py>(
+        &self,
+        py: Python<'py>,
+        entries: &str,
+        folder: PathBuf,
+    ) -> PyResult<(Bound<'py, PyArray1<u8>>, [u32; 2])> {
+        let drawn = py.detach(|| scenes::scene(entries, &folder)?.rgba_of(&self.0));
+        let (bytes, size) = drawn.or_raise(py)?;
+        Ok((bytes.into_pyarray(py), size))
+    }
+
+    fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &py.detach(|| self.0.to_bytes()))
+    }
+
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Intervals> {
+        let read = py.detach(|| palpate::render::Intervals::from_bytes(bytes));
+        Ok(Intervals(read.or_raise(py)?))
+    }
+}
+
+/// How many pieces an index lists.
+#[pyfunction]
+pub fn count_pieces(py: Python<'_>, index: PathBuf) -> PyResult<usize> {
+    let files = py
+        .detach(|| palpate::io::piece_files(&index))
+        .or_raise(py)?;
+    Ok(files.len())
+}
+
+/// Writes a mesh as so many pieces.
+#[pyfunction]
+pub fn write_pieces(py: Python<'_>, mesh: &Mesh, index: PathBuf, count: usize) -> PyResult<()> {
+    py.detach(|| palpate::scene::write_pieces(&index, &mesh.0, count))
+        .or_raise(py)
+}

@@ -1,0 +1,443 @@
+//! Meshes in pieces: VTK's parallel XML unstructured grids (`.pvtu`), an index of `.vtu` files.
+//!
+//! Read as a mesh they are one: nodes of several pieces are told to be the same by their
+//! `GlobalNodeIds`, or else by their place; ghosts (`vtkGhostType`) are left out. Pieces that are
+//! written have ghosts, the tets of their neighbours at their nodes, so that a piece can be drawn
+//! where nothing else is; and what the caller has to say of the whole.
+
+use super::cells::RawMesh;
+use super::cursor::Parse;
+use super::vtu_tags::attribute;
+use super::vtu_write::{self, escaped};
+use super::{scalar, vtu};
+use crate::mesh::{Field, Location, MeshPiece, ScalarType};
+use crate::{Error, Result};
+use quick_xml::Reader;
+use quick_xml::events::Event;
+use std::collections::HashMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The type that the first tag of an index names.
+pub(super) const KIND: &str = "PUnstructuredGrid";
+/// The number of each node and each cell in the whole.
+const NODE_IDS: &str = "GlobalNodeIds";
+const CELL_IDS: &str = "GlobalElementIds";
+/// What is not 0 for cells that are another piece's.
+const GHOSTS: &str = "vtkGhostType";
+/// A cell that another piece has too, of VTK's kinds of ghosts.
+const DUPLICATE: f64 = 1.0;
+/// What the names of fields begin with that are Palpate's, and none of the mesh.
+pub(crate) const OWN: &str = "palpate:";
+/// The array of a piece that says what is to be known of the whole, as bytes.
+const WHOLE: &str = "palpate:whole";
+
+/// The files of the pieces that the index at `path` lists, in its order.
+///
+/// # Errors
+/// The index cannot be read, is damaged, or lists none.
+pub fn piece_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
+    let path = path.as_ref();
+    let bytes = super::content(path)?;
+    let files = index(&bytes).map_err(|e| Error::format(path, e))?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    Ok(files.iter().map(|file| folder.join(file)).collect())
+}
+
+/// The files that an index lists.
+pub(super) fn index(bytes: &[u8]) -> Parse<Vec<String>> {
+    let mut reader = Reader::from_reader(bytes);
+    let mut files = Vec::new();
+    let mut depth = 0usize;
+    loop {
+        let event = reader
+            .read_event()
+            .map_err(|e| format!("byte {}: the XML is damaged: {e}", reader.error_position()))?;
+        let tag = match &event {
+            Event::Start(tag) => {
+                depth += 1;
+                tag
+            }
+            Event::Empty(tag) => tag,
+            Event::End(_) => {
+                depth = depth.saturating_sub(1);
+                continue;
+            }
+            Event::Eof if depth > 0 => return Err("the file ends early: it is truncated".into()),
+            Event::Eof if files.is_empty() => {
+                return Err("there are no pieces (<Piece> tags) in the file".into());
+            }
+            Event::Eof => return Ok(files),
+            _ => continue,
+        };
+        match tag.name().as_ref() {
+            b"VTKFile" => {
+                let kind = attribute(tag, "type").unwrap_or_default();
+                if kind != KIND {
+                    return Err(format!(
+                        "this VTK file holds {kind:?}, expected \"{KIND}\" (a mesh in pieces)"
+                    ));
+                }
+            }
+            b"Piece" => {
+                let source = attribute(tag, "Source").filter(|s| !s.is_empty());
+                let piece = files.len();
+                files.push(source.ok_or_else(|| {
+                    format!("piece {piece} (counted from 0) has no attribute Source")
+                })?);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Reads the mesh whose index at `path` has these `bytes`, as one.
+pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<RawMesh> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let files = index(bytes).map_err(|e| Error::format(path, e))?;
+    let pieces = files.iter().map(|file| {
+        let file = folder.join(file);
+        let bytes = super::content(&file)?;
+        let piece = vtu::read(&bytes).and_then(Part::new);
+        piece.map_err(|e| Error::format(&file, e))
+    });
+    let pieces: Vec<Part> = pieces.collect::<Result<_>>()?;
+    joined(pieces).map_err(|e| Error::format(path, e))
+}
+
+/// A piece, and what it says of its place in the whole.
+struct Part {
+    mesh: RawMesh,
+    nodes: Option<Vec<u64>>,
+    cells: Option<Vec<u64>>,
+    ghosts: Option<Vec<f64>>,
+}
+
+impl Part {
+    fn new(mut mesh: RawMesh) -> Parse<Part> {
+        let [nodes, cells] = [mesh.nodes.len(), mesh.cells.len()];
+        let ids = |field: Field| -> Parse<Vec<u64>> {
+            let whole = |v: &f64| super::cells::index(*v).map(|i| i as u64);
+            let ids: Option<Vec<u64>> = field.values.iter().map(whole).collect();
+            ids.ok_or_else(|| format!("field \"{}\" should have whole numbers", field.name))
+        };
+        let mut take = |name: &str, location, items: usize| {
+            let fits = |f: &Field| {
+                (f.name.as_str(), f.location) == (name, location)
+                    && f.components == 1
+                    && f.values.len() == items
+            };
+            let place = mesh.fields.iter().position(fits)?;
+            Some(mesh.fields.remove(place))
+        };
+        let part = (
+            take(NODE_IDS, Location::Node, nodes),
+            take(CELL_IDS, Location::Cell, cells),
+            take(GHOSTS, Location::Cell, cells),
+        );
+        // Of nodes ghosts say nothing that the cells do not.
+        take(GHOSTS, Location::Node, nodes);
+        mesh.fields.retain(|f| !f.name.starts_with(OWN));
+        Ok(Part {
+            nodes: part.0.map(ids).transpose()?,
+            cells: part.1.map(ids).transpose()?,
+            ghosts: part.2.map(|f| f.values),
+            mesh,
+        })
+    }
+}
+
+/// What tells nodes of several pieces to be one: a number, or a place.
+#[derive(PartialEq, Eq, Hash)]
+enum Key {
+    Id(u64),
+    Place([u64; 3]),
+}
+
+/// All pieces in one, in the order that their numbers give, where they have any.
+fn joined(parts: Vec<Part>) -> Parse<RawMesh> {
+    let numbered = parts.iter().all(|p| p.nodes.is_some());
+    let ordered = numbered && parts.iter().all(|p| p.cells.is_some());
+    let mut mesh = RawMesh::default();
+    let mut known: HashMap<Key, (usize, usize)> = HashMap::new();
+    // Of each node of the whole its number, and where in which piece it is.
+    let mut nodes: Vec<(u64, usize, usize)> = Vec::new();
+    let mut cells: Vec<(u64, usize, usize)> = Vec::new();
+    let mut places: Vec<Vec<usize>> = Vec::with_capacity(parts.len());
+    for (k, part) in parts.iter().enumerate() {
+        let mut own = Vec::with_capacity(part.mesh.nodes.len());
+        for (v, p) in part.mesh.nodes.iter().enumerate() {
+            let id = part.nodes.as_ref().map_or(0, |ids| ids[v]);
+            let key = match numbered {
+                true => Key::Id(id),
+                // 0 and −0 are one place.
+                false => Key::Place(p.to_array().map(|x| (x + 0.0).to_bits())),
+            };
+            let next = nodes.len();
+            let (first, place) = *known.entry(key).or_insert((k, next));
+            // Of one piece two nodes at a place are two.
+            if place == next || (first == k && !numbered) {
+                nodes.push((id, k, v));
+                own.push(next);
+                continue;
+            }
+            let (_, piece, node) = nodes[place];
+            if numbered && parts[piece].mesh.nodes[node] != *p {
+                return Err(format!(
+                    "node {id} by its {NODE_IDS} is elsewhere in piece {k} than in piece {piece} (counted from 0)"
+                ));
+            }
+            own.push(place);
+        }
+        places.push(own);
+        let ghost = |c: usize| {
+            let kind = part.ghosts.as_ref().map_or(0.0, |ghosts| ghosts[c]);
+            // The lowest bit of those that VTK sets.
+            kind % 2.0 == DUPLICATE
+        };
+        let shown = (0..part.mesh.cells.len()).filter(|c| !ghost(*c));
+        cells.extend(shown.map(|c| (part.cells.as_ref().map_or(0, |ids| ids[c]), k, c)));
+    }
+    let mut order: Vec<usize> = (0..nodes.len()).collect();
+    if ordered {
+        order.sort_by_key(|v| nodes[*v].0);
+        cells.sort_by_key(|cell| cell.0);
+    }
+    let mut rank = vec![0; nodes.len()];
+    for (new, old) in order.iter().enumerate() {
+        rank[*old] = new;
+    }
+    let at = |v: &usize| {
+        let (_, piece, node) = nodes[*v];
+        parts[piece].mesh.nodes[node]
+    };
+    mesh.nodes = order.iter().map(at).collect();
+    for (_, piece, cell) in &cells {
+        if let Some((kind, corners)) = parts[*piece].mesh.cells.get(*cell) {
+            // What is out of range stays so.
+            let own = &places[*piece];
+            let corner = |v: &u32| own.get(*v as usize).map_or(usize::MAX, |v| rank[*v]);
+            mesh.cells.push(kind, corners.iter().map(corner));
+        }
+    }
+    for field in &parts[0].mesh.fields {
+        let same = |f: &&Field| {
+            (f.location, f.components) == (field.location, field.components) && f.name == field.name
+        };
+        let of_parts: Option<Vec<&Field>> = parts
+            .iter()
+            .map(|part| part.mesh.fields.iter().find(same))
+            .collect();
+        let Some(of_parts) = of_parts else {
+            mesh.warnings.push(format!(
+                "field \"{}\" at the {} is left out: not all pieces have it",
+                field.name, field.location
+            ));
+            continue;
+        };
+        let tuple = |piece: usize, item: usize| {
+            let width = field.components;
+            let from = item * width;
+            of_parts[piece]
+                .values
+                .get(from..from + width)
+                .unwrap_or_default()
+        };
+        let values = match field.location {
+            Location::Node => order
+                .iter()
+                .flat_map(|v| tuple(nodes[*v].1, nodes[*v].2))
+                .copied()
+                .collect(),
+            Location::Cell => cells
+                .iter()
+                .flat_map(|(_, piece, cell)| tuple(*piece, *cell))
+                .copied()
+                .collect(),
+        };
+        let kind = field.scalar_type;
+        let alike = of_parts.iter().all(|f| f.scalar_type == kind);
+        mesh.fields.push(Field {
+            name: field.name.clone(),
+            values,
+            scalar_type: if alike { kind } else { ScalarType::F64 },
+            ..*field
+        });
+    }
+    let whole = parts.into_iter().map(|part| part.mesh);
+    for part in whole {
+        mesh.length_unit = mesh.length_unit.or(part.length_unit);
+        mesh.region_names.extend(part.region_names);
+        for warning in part.warnings {
+            if !mesh.warnings.contains(&warning) {
+                mesh.warnings.push(warning);
+            }
+        }
+    }
+    Ok(mesh)
+}
+
+/// Writes pieces, each a file beside the index at `path` (`NAME_0000.vtu` and so on), and that last:
+/// it is there when all are. `piece` gives each when its turn comes, and `whole` is what is to be said
+/// with each of them.
+///
+/// # Errors
+/// What `piece` gives, fields that do not fit, or a file cannot be written.
+pub fn write_pieces(
+    path: impl AsRef<Path>,
+    count: usize,
+    whole: &[u8],
+    mut piece: impl FnMut(usize) -> Result<MeshPiece>,
+) -> Result<()> {
+    let path = path.as_ref();
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let mut files = Vec::with_capacity(count);
+    let mut arrays: Vec<Field> = Vec::new();
+    for k in 0..count {
+        let piece = piece(k)?;
+        let ids = |name, location, ids: &[u32]| Field {
+            scalar_type: ScalarType::I64,
+            ..Field::scalar(name, location, ids.iter().map(|i| f64::from(*i)).collect())
+        };
+        let ghost = |t: usize| if t < piece.own { 0.0 } else { DUPLICATE };
+        let extra = [
+            ids(NODE_IDS, Location::Node, &piece.nodes),
+            ids(CELL_IDS, Location::Cell, &piece.tets),
+            Field {
+                scalar_type: ScalarType::U8,
+                ..Field::scalar(
+                    GHOSTS,
+                    Location::Cell,
+                    (0..piece.tets.len()).map(ghost).collect(),
+                )
+            },
+        ];
+        let file = format!("{name}_{k:04}.vtu");
+        let mesh = &piece.mesh;
+        vtu_write::write_telling(
+            &path.with_file_name(&file),
+            mesh,
+            &mesh.nodes,
+            &extra,
+            Some((WHOLE, whole)),
+        )?;
+        files.push(file);
+        let all = mesh.fields.iter().filter(|f| !f.name.starts_with(OWN));
+        for field in all.chain(&extra) {
+            let exact = scalar::holds(&field.values, field.scalar_type);
+            let kind = if exact {
+                field.scalar_type
+            } else {
+                ScalarType::F64
+            };
+            let same = |f: &&mut Field| (&f.name, f.location) == (&field.name, field.location);
+            match arrays.iter_mut().find(same) {
+                Some(known) if known.scalar_type != kind => known.scalar_type = ScalarType::F64,
+                Some(_) => {}
+                None => arrays.push(Field {
+                    name: field.name.clone(),
+                    values: Vec::new(),
+                    scalar_type: kind,
+                    ..*field
+                }),
+            }
+        }
+    }
+    let mut text = format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"{KIND}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<{KIND} GhostLevel=\"1\">\n"
+    );
+    for (section, location) in [
+        ("PPointData", Location::Node),
+        ("PCellData", Location::Cell),
+    ] {
+        text += &format!("<{section}>\n");
+        for array in arrays.iter().filter(|a| a.location == location) {
+            text += &format!(
+                "<PDataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\"/>\n",
+                scalar::vtk_xml_name(array.scalar_type),
+                escaped(&array.name),
+                array.components
+            );
+        }
+        text += &format!("</{section}>\n");
+    }
+    text += "<PPoints>\n<PDataArray type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"/>\n</PPoints>\n";
+    for file in &files {
+        text += &format!("<Piece Source=\"{}\"/>\n", escaped(file));
+    }
+    text += &format!("</{KIND}>\n</VTKFile>\n");
+    super::atomic_write(path, |file| {
+        file.write_all(text.as_bytes()).map_err(Error::io(path))
+    })
+}
+
+/// Piece `number` of those that the index at `path` lists, as [`write_pieces`] wrote it, and what was
+/// said with it.
+///
+/// # Errors
+/// A file that cannot be read or is damaged, a number beyond the pieces there are, and pieces that
+/// another program has written.
+pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, Vec<u8>)> {
+    let path = path.as_ref();
+    let files = piece_files(path)?;
+    let Some(file) = files.get(number) else {
+        return Err(Error::format(
+            path,
+            format!(
+                "there is no piece {number}: there are {}, counted from 0",
+                files.len()
+            ),
+        ));
+    };
+    let foreign = || {
+        let path = path.display();
+        Error::format(
+            file,
+            format!(
+                "the piece does not say what it has to of its neighbours and of the whole: `palpate convert {path} OUT.pvtu --pieces {}` writes pieces that do",
+                files.len()
+            ),
+        )
+    };
+    let bytes = super::content(file)?;
+    let (raw, whole) = vtu::read_telling(&bytes, WHOLE).map_err(|e| Error::format(file, e))?;
+    let whole = whole.ok_or_else(foreign)?;
+    let mut mesh = raw.into_tets().map_err(|e| Error::format(file, e))?;
+    let mut take = |name: &str, location| -> Option<Vec<f64>> {
+        let is = |f: &Field| (f.name.as_str(), f.location, f.components) == (name, location, 1);
+        let place = mesh.fields.iter().position(is)?;
+        Some(mesh.fields.remove(place).values)
+    };
+    let ids = |values: Vec<f64>| -> Option<Vec<u32>> {
+        let id = |v: &f64| super::cells::index(*v).and_then(|i| u32::try_from(i).ok());
+        values.iter().map(id).collect()
+    };
+    let nodes = take(NODE_IDS, Location::Node).and_then(ids);
+    let tets = take(CELL_IDS, Location::Cell).and_then(ids);
+    let ghosts = take(GHOSTS, Location::Cell).ok_or_else(foreign)?;
+    let own = ghosts.iter().take_while(|g| **g == 0.0).count();
+    // Nodes in the order of the whole decide alike where two pieces meet.
+    let rising = |ids: &Vec<u32>| ids.windows(2).all(|w| w[0] < w[1]);
+    let nodes = nodes.filter(rising).ok_or_else(foreign)?;
+    let tets = tets.ok_or_else(foreign)?;
+    if own == 0 || ghosts[own..].contains(&0.0) {
+        return Err(foreign());
+    }
+    let piece = MeshPiece {
+        mesh,
+        own,
+        nodes,
+        tets,
+    };
+    Ok((piece, whole))
+}
+
+/// Whether `path` is called as an index of pieces is.
+pub fn is_pieces(path: impl AsRef<Path>) -> bool {
+    super::extension(path.as_ref()) == "pvtu"
+}
+
+/// Refuses an index where a mesh in one file is needed.
+pub(super) fn refuse(_: &[u8]) -> Parse<RawMesh> {
+    Err("this lists the pieces of a mesh (.pvtu), which are files of their own; a single file is needed here, .vtu for example".into())
+}

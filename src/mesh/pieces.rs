@@ -1,0 +1,281 @@
+//! Meshes cut into pieces, each with the tets of its neighbours that it touches.
+
+use super::{Field, Location, TetMesh, grouped};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// A part of the tets of a mesh, and around it those of other parts at its nodes: with these, all
+/// that is made of what is around a node is the same as in the whole.
+#[derive(Clone, Debug)]
+pub struct MeshPiece {
+    /// Its own tets, and behind them its neighbours' at its nodes; both, and the nodes, in the order
+    /// of the whole.
+    pub mesh: TetMesh,
+    /// How many tets are its own.
+    pub own: usize,
+    /// The number of each node in the whole.
+    pub nodes: Vec<u32>,
+    /// The number of each tet in the whole.
+    pub tets: Vec<u32>,
+}
+
+/// Which part each tet belongs to: cut in two along the longest side of the box around the tets'
+/// middles, and each half again, until there are `parts` of them, of as good as the same number of
+/// tets. Parts whose numbers follow each other mostly touch.
+///
+/// # Errors
+/// [`Error::Input`] for no parts, or more than there are tets.
+pub fn kd_parts(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
+    let tets = mesh.tets.len();
+    if parts == 0 || parts > tets {
+        return Err(Error::Input(format!(
+            "a mesh of {tets} tets cannot be cut into {parts} pieces; ask for 1 to {tets}"
+        )));
+    }
+    let middles: Vec<DVec3> = (0..tets)
+        .map(|t| mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0)
+        .collect();
+    let mut order: Vec<u32> = (0..tets as u32).collect();
+    let mut part_of = vec![0; tets];
+    let mut pending = vec![(0, tets, 0, parts)];
+    while let Some((from, to, first, parts)) = pending.pop() {
+        let own = &mut order[from..to];
+        if parts == 1 {
+            own.iter().for_each(|t| part_of[*t as usize] = first as u32);
+            continue;
+        }
+        let (low, high) =
+            own.iter()
+                .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), t| {
+                    (
+                        low.min(middles[*t as usize]),
+                        high.max(middles[*t as usize]),
+                    )
+                });
+        let axis = (high - low).max_position();
+        let left = parts / 2;
+        let half = own.len() * left / parts;
+        let key = |t: &u32| middles[*t as usize][axis];
+        // Equal middles, as in grids, are told apart by number: the same parts every time.
+        own.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+        pending.push((from, from + half, first, left));
+        pending.push((from + half, to, first + left, parts - left));
+    }
+    Ok(part_of)
+}
+
+/// A mesh whose tets are told apart by a part each.
+pub struct Parted<'a> {
+    mesh: &'a TetMesh,
+    part_of: &'a [u32],
+    /// Where the tets of each part begin in `own`, their end last.
+    firsts: Vec<u32>,
+    own: Vec<u32>,
+    /// Whether each node has tets of several parts.
+    shared: Vec<bool>,
+    /// The tets around those that have.
+    around: (Vec<u32>, Vec<u32>),
+}
+
+impl<'a> Parted<'a> {
+    /// `mesh` in as many parts as the largest number in `part_of`, one a tet, says.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where these are not one a tet, or a part has none.
+    pub fn new(mesh: &'a TetMesh, part_of: &'a [u32]) -> Result<Parted<'a>> {
+        let parts = part_of.iter().max().map_or(0, |p| *p as usize + 1);
+        if part_of.len() != mesh.tets.len() || parts > part_of.len() {
+            return Err(Error::Input(format!(
+                "{} parts of tets are given, for {} tets",
+                part_of.len(),
+                mesh.tets.len()
+            )));
+        }
+        let (firsts, own) = grouped(parts, part_of.iter().copied().zip(0..));
+        if let Some(empty) = firsts.windows(2).position(|w| w[0] == w[1]) {
+            return Err(Error::Input(format!("part {empty} has no tets")));
+        }
+        let mut part_at = vec![u32::MAX; mesh.nodes.len()];
+        let mut shared = vec![false; mesh.nodes.len()];
+        for (tet, part) in mesh.tets.iter().zip(part_of) {
+            for v in tet.map(|v| v as usize) {
+                shared[v] |= part_at[v] != u32::MAX && part_at[v] != *part;
+                part_at[v] = *part;
+            }
+        }
+        let corners = (0..).zip(&mesh.tets);
+        let corners = corners.flat_map(|(t, tet)| tet.map(move |v| (v, t)));
+        let at_seams = corners.filter(|(v, _)| shared[*v as usize]);
+        let around = grouped(mesh.nodes.len(), at_seams);
+        Ok(Parted {
+            mesh,
+            part_of,
+            firsts,
+            own,
+            shared,
+            around,
+        })
+    }
+
+    /// How many parts there are.
+    pub fn len(&self) -> usize {
+        self.firsts.len() - 1
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Part `number`, with the tets around it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a number that is none of theirs.
+    pub fn piece(&self, number: usize) -> Result<MeshPiece> {
+        let Some([first, last]) = self.firsts.get(number..number + 2) else {
+            return Err(Error::Input(format!(
+                "there is no part {number}: there are {}, counted from 0",
+                self.len()
+            )));
+        };
+        let mesh = self.mesh;
+        let mut tets = self.own[*first as usize..*last as usize].to_vec();
+        let own = tets.len();
+        let corners = |tets: &[u32]| {
+            let mut nodes: Vec<u32> = tets.iter().flat_map(|t| mesh.tets[*t as usize]).collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            nodes
+        };
+        let (firsts, items) = &self.around;
+        let seam = corners(&tets)
+            .into_iter()
+            .filter(|v| self.shared[*v as usize]);
+        let beside =
+            seam.flat_map(|v| &items[firsts[v as usize] as usize..firsts[v as usize + 1] as usize]);
+        let others = beside.filter(|t| self.part_of[**t as usize] as usize != number);
+        let mut others: Vec<u32> = others.copied().collect();
+        others.sort_unstable();
+        others.dedup();
+        tets.extend(others);
+        let nodes = corners(&tets);
+        let local = |v: u32| nodes.partition_point(|w| *w < v) as u32;
+        let picked = |field: &Field| {
+            let items = match field.location {
+                Location::Node => &nodes,
+                Location::Cell => &tets,
+            };
+            let width = field.components;
+            let tuple = |i: &u32| &field.values[*i as usize * width..(*i as usize + 1) * width];
+            Field {
+                values: items.iter().flat_map(tuple).copied().collect(),
+                name: field.name.clone(),
+                ..*field
+            }
+        };
+        let piece = TetMesh {
+            nodes: nodes.iter().map(|v| mesh.nodes[*v as usize]).collect(),
+            tets: tets
+                .iter()
+                .map(|t| mesh.tets[*t as usize].map(local))
+                .collect(),
+            fields: mesh.fields.iter().map(picked).collect(),
+            region_names: mesh.region_names.clone(),
+            length_unit: mesh.length_unit,
+            ..TetMesh::default()
+        };
+        Ok(MeshPiece {
+            mesh: piece,
+            own,
+            nodes,
+            tets,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::mesh::{NO_NEIGHBOUR, Topology, generate};
+
+    #[test]
+    fn parts_are_alike_in_size_and_hold_every_tet_once() {
+        let mesh = generate::by_name("limb", Some(3000)).unwrap();
+        for parts in [1, 2, 3, 7, 64] {
+            let part_of = kd_parts(&mesh, parts).unwrap();
+            let mut counts = vec![0; parts];
+            part_of.iter().for_each(|p| counts[*p as usize] += 1);
+            let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
+            assert!(most - least <= 6, "{parts}: {counts:?}");
+            assert_eq!(part_of, kd_parts(&mesh, parts).unwrap());
+        }
+        assert!(kd_parts(&mesh, 0).is_err());
+        assert!(kd_parts(&mesh, mesh.tets.len() + 1).is_err());
+    }
+
+    #[test]
+    fn a_piece_has_all_that_is_around_its_own_nodes() {
+        let mut mesh = generate::by_name("limb", Some(2000)).unwrap();
+        let number = |t: usize| t as f64;
+        let tets = (0..mesh.tets.len()).map(number).collect();
+        mesh.set_field(Field::scalar("number", Location::Cell, tets))
+            .unwrap();
+        let part_of = kd_parts(&mesh, 5).unwrap();
+        let parted = Parted::new(&mesh, &part_of).unwrap();
+        let whole = Topology::new(&mesh);
+        let mut around = vec![0; mesh.nodes.len()];
+        mesh.tets
+            .iter()
+            .flatten()
+            .for_each(|v| around[*v as usize] += 1);
+        let mut owned = 0;
+        for k in 0..parted.len() {
+            let piece = parted.piece(k).unwrap();
+            owned += piece.own;
+            assert!(piece.tets.len() > piece.own);
+            let numbers = piece.mesh.field("number", Location::Cell).unwrap();
+            assert!(
+                numbers
+                    .values
+                    .iter()
+                    .zip(&piece.tets)
+                    .all(|(a, b)| *a == f64::from(*b))
+            );
+            let topology = Topology::new(&piece.mesh);
+            let mut here = vec![0; piece.nodes.len()];
+            piece
+                .mesh
+                .tets
+                .iter()
+                .flatten()
+                .for_each(|v| here[*v as usize] += 1);
+            for t in 0..piece.own {
+                for v in piece.mesh.tets[t] {
+                    let of_whole = piece.nodes[v as usize] as usize;
+                    assert_eq!(here[v as usize], around[of_whole]);
+                    assert_eq!(piece.mesh.nodes[v as usize], mesh.nodes[of_whole]);
+                }
+                // Its bare faces are bare in the whole.
+                let theirs = whole.neighbours[piece.tets[t] as usize];
+                for (a, b) in topology.neighbours[t].iter().zip(theirs) {
+                    assert_eq!(*a == NO_NEIGHBOUR, b == NO_NEIGHBOUR);
+                }
+            }
+            // With its own tets shown alone, cuts are bare too, and no ghost is.
+            let shown = topology.showing_first(piece.own);
+            assert!(shown.boundary.iter().all(|b| (b.tet as usize) < piece.own));
+            assert!(
+                shown.boundary.len()
+                    > topology
+                        .boundary
+                        .iter()
+                        .filter(|b| (b.tet as usize) < piece.own)
+                        .count()
+            );
+        }
+        assert_eq!(owned, mesh.tets.len());
+        assert!(parted.piece(5).is_err());
+        assert!(Parted::new(&mesh, &part_of[1..]).is_err());
+    }
+}

@@ -1,0 +1,196 @@
+//! One body in pieces, each drawn where nothing but it is: on a machine, or by a device, that could
+//! not hold the whole.
+
+use super::picture::{DisplayMode, SIZE};
+use super::whole::Whole;
+use super::{PictureEntry, Scene};
+use crate::gpu::Gpu;
+use crate::io;
+use crate::mesh::{MeshPiece, Parted, TetMesh, Topology, kd_parts};
+use crate::render::{Background, Geometry, Image, Intervals, Mode, Raycaster, local_positions};
+use crate::{Error, Result};
+use std::path::Path;
+
+/// Writes `mesh` as `count` pieces, cut along a k-d tree: the index at `path` (.pvtu) and beside it a
+/// .vtu a piece, with what each is to know of its neighbours and of the whole.
+///
+/// # Errors
+/// [`Error::Input`] for another name or a number of pieces that there cannot be, [`Error::Mesh`] for
+/// fields that do not fit, or a file cannot be written.
+pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Result<()> {
+    let path = path.as_ref();
+    if !io::is_pieces(path) {
+        return Err(Error::Input(format!(
+            "{}: pieces are files beside an index, which is called .pvtu; name that",
+            path.display()
+        )));
+    }
+    let part_of = kd_parts(mesh, count)?;
+    let (whole, extra) = Whole::new(mesh, count)?;
+    let told = whole.to_bytes()?;
+    let held;
+    let mesh = match extra {
+        None => mesh,
+        Some(field) => {
+            let mut with = mesh.clone();
+            with.set_field(field)?;
+            held = with;
+            &held
+        }
+    };
+    let parted = Parted::new(mesh, &part_of)?;
+    io::write_pieces(path, count, &told, |k| parted.piece(k))
+}
+
+/// A piece of a mesh, with what it knows of the whole.
+pub struct Piece {
+    piece: MeshPiece,
+    whole: Whole,
+}
+
+impl Piece {
+    /// Reads piece `number`, counted from 0, of those that the index at `path` (.pvtu) lists; the others
+    /// are not looked at.
+    ///
+    /// # Errors
+    /// As [`io::read_piece`].
+    pub fn read(path: impl AsRef<Path>, number: usize) -> Result<Piece> {
+        let (piece, told) = io::read_piece(path, number)?;
+        let whole = Whole::from_bytes(&told)?;
+        Ok(Piece { piece, whole })
+    }
+
+    /// Its tets, and behind them those of its neighbours.
+    pub fn mesh(&self) -> &MeshPiece {
+        &self.piece
+    }
+
+    /// What it knows of the whole.
+    pub fn whole(&self) -> &Whole {
+        &self.whole
+    }
+
+    /// What the rays of the picture that `scene` describes of the whole pass in this piece. What the
+    /// scene says of its mesh is passed over.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene that wants more than the inside of a body that nothing moves, and
+    /// what makes no sense in it; as [`Raycaster::intervals`].
+    pub fn intervals(&self, gpu: &Gpu, scene: &Scene) -> Result<Intervals> {
+        scene.check_in_pieces()?;
+        let MeshPiece { mesh, own, .. } = &self.piece;
+        let (seen, measures) = self.whole.scalar_field(scene, mesh)?;
+        let frame = self.whole.frame();
+        let topology = Topology::new(mesh);
+        let positions = local_positions(gpu, &frame, &mesh.nodes)?;
+        let shown = topology.showing_first(*own);
+        let mut geometry = Geometry::new(gpu, mesh, &shown, frame, &positions, seen.scalars())?;
+        geometry.set_scalars(mesh, seen.scalars(), measures.range)?;
+        geometry.take_measures(&measures);
+        let transfer = scene.transfer(&seen)?;
+        let options = scene.options()?;
+        if options.light.is_on() {
+            geometry.illuminate(mesh, &topology, seen.scalars())?;
+        }
+        drop((topology, shown));
+        let mut raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
+        if scene.picture.looks_at_regions() {
+            let regions = self.whole.regions(mesh);
+            let looks = scene.looks_of_regions(mesh, regions, frame.scale, &transfer)?;
+            raycaster.set_regions(Some(&looks))?;
+        }
+        let size = scene.picture.size.unwrap_or(SIZE);
+        let camera = self.whole.camera(scene, size)?;
+        raycaster.intervals(&camera, scene.drawn_size()?)
+    }
+}
+
+impl PictureEntry {
+    /// Whether regions are hidden, or have looks of their own.
+    pub(super) fn looks_at_regions(&self) -> bool {
+        !(self.region.is_empty() && self.hide.is_empty())
+    }
+}
+
+impl Scene {
+    /// The picture that this scene describes, of what the rays passed in all pieces of its body.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where they were told for another size, and for what makes no sense in the
+    /// scene.
+    pub fn picture_of(&self, told: &Intervals) -> Result<Image> {
+        let size = self.drawn_size()?;
+        if told.size() != size {
+            let ([a, b], [c, d]) = (told.size(), size);
+            return Err(Error::Input(format!(
+                "pieces were drawn for {a} x {b} pixels, and the picture is made of {c} x {d}"
+            )));
+        }
+        Ok(match self.samples_each_way()? {
+            1 => told.image(),
+            n => told.image().shrunk(n),
+        })
+    }
+
+    /// The same as a PNG has it: red, green, blue and opacity a pixel, and its width and height.
+    ///
+    /// # Errors
+    /// As [`Scene::picture_of`].
+    pub fn rgba_of(&self, told: &Intervals) -> Result<(Vec<u8>, [u32; 2])> {
+        let background: Background = self.background()?;
+        let image = self.picture_of(told)?;
+        Ok((image.rgba8(background), image.size))
+    }
+
+    /// Pixels that are drawn, several for one that is shown where it has several samples.
+    fn drawn_size(&self) -> Result<[u32; 2]> {
+        let samples = self.samples_each_way()?;
+        let size = self.picture.size.unwrap_or(SIZE);
+        Ok(size.map(|n| n.saturating_mul(samples)))
+    }
+
+    /// Refuses what pictures of pieces cannot have.
+    fn check_in_pieces(&self) -> Result<()> {
+        let picture = &self.picture;
+        let annotated = [picture.legend, picture.scale_bar, picture.time].contains(&Some(true))
+            || picture.axes.is_some()
+            || picture.title.is_some();
+        let found = [
+            (
+                self.display_mode()? != DisplayMode::Inside(Mode::Composite),
+                "modes other than composite",
+            ),
+            (self.solver.name.is_some(), "a solver: nothing moves it"),
+            (
+                !self.body.is_empty() || self.grid.is_some() || self.cage.is_some(),
+                "several bodies, grids and cages",
+            ),
+            (
+                self.mesh.rest.is_some()
+                    || !(self.mesh.join.is_empty() && self.mesh.part.is_empty()),
+                "other meshes at rest or joined to it, and parted regions",
+            ),
+            (!self.scan.is_empty(), "scans"),
+            (!self.skin.is_empty(), "skins"),
+            (
+                !(self.plane.is_empty() && self.isosurface.is_empty())
+                    || picture.volume == Some(false),
+                "planes and isosurfaces",
+            ),
+            (
+                self.light.shadows.is_some_and(|s| s > 0.0),
+                "shadows, which other pieces cast",
+            ),
+            (
+                annotated,
+                "a legend, a scale bar, axes, a title or the time",
+            ),
+        ];
+        match found.iter().find(|(asked, _)| *asked) {
+            None => Ok(()),
+            Some((_, what)) => Err(Error::Input(format!(
+                "a body in pieces is drawn without {what}; leave that out, or draw the whole where it fits (palpate render)"
+            ))),
+        }
+    }
+}

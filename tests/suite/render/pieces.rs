@@ -1,0 +1,412 @@
+//! A body drawn in pieces: the picture of the whole, whatever the pieces are.
+
+use crate::render::common::*;
+use glam::DVec3;
+use palpate::gpu::Gpu;
+use palpate::mesh::{LocalFrame, MeshPiece, Parted, TetMesh, Topology, generate, kd_parts};
+use palpate::render::*;
+
+const SIZE: [u32; 2] = [160, 120];
+
+/// What a picture shows.
+struct Shown<'a> {
+    mesh: &'a TetMesh,
+    /// At the nodes, or in the tets.
+    scalars: Vec<f64>,
+    in_tets: bool,
+    transfer: TransferFunction,
+    options: RaycastOptions,
+}
+
+impl Shown<'_> {
+    fn scalars<'b>(&self, values: &'b [f64]) -> Scalars<'b> {
+        match self.in_tets {
+            true => Scalars::Cells(values),
+            false => Scalars::Nodes(values),
+        }
+    }
+
+    fn whole(&self, gpu: &Gpu) -> Raycaster {
+        let scalars = self.scalars(&self.scalars);
+        let mut geometry = Geometry::at_rest(gpu, self.mesh, scalars).unwrap();
+        geometry
+            .illuminate(self.mesh, &Topology::new(self.mesh), scalars)
+            .unwrap();
+        Raycaster::with_options(gpu, geometry, &self.transfer, self.options).unwrap()
+    }
+
+    fn piece(&self, gpu: &Gpu, piece: &MeshPiece) -> Raycaster {
+        let frame = LocalFrame::of_mesh(self.mesh);
+        let measures = Measures::new(self.mesh, self.scalars(&self.scalars));
+        let items = if self.in_tets {
+            &piece.tets
+        } else {
+            &piece.nodes
+        };
+        let own: Vec<f64> = items.iter().map(|i| self.scalars[*i as usize]).collect();
+        let scalars = self.scalars(&own);
+        let topology = Topology::new(&piece.mesh);
+        let positions = local_positions(gpu, &frame, &piece.mesh.nodes).unwrap();
+        let shown = topology.showing_first(piece.own);
+        let mut geometry =
+            Geometry::new(gpu, &piece.mesh, &shown, frame, &positions, scalars).unwrap();
+        geometry
+            .set_scalars(&piece.mesh, scalars, measures.range)
+            .unwrap();
+        geometry.take_measures(&measures);
+        geometry
+            .illuminate(&piece.mesh, &topology, scalars)
+            .unwrap();
+        Raycaster::with_options(gpu, geometry, &self.transfer, self.options).unwrap()
+    }
+
+    /// What each part of the mesh tells.
+    fn told(&self, gpu: &Gpu, part_of: &[u32], camera: &Camera) -> Vec<Intervals> {
+        let parted = Parted::new(self.mesh, part_of).unwrap();
+        (0..parted.len())
+            .map(|k| {
+                let mut caster = self.piece(gpu, &parted.piece(k).unwrap());
+                caster.intervals(camera, SIZE).unwrap()
+            })
+            .collect()
+    }
+}
+
+/// All of them in one, by twos.
+fn reduced(mut told: Vec<Intervals>) -> Intervals {
+    while told.len() > 1 {
+        told = told
+            .chunks(2)
+            .map(|pair| match pair {
+                [a, b] => a.with(b).unwrap(),
+                rest => rest[0].clone(),
+            })
+            .collect();
+    }
+    told.remove(0)
+}
+
+fn options(light: Light) -> RaycastOptions {
+    RaycastOptions {
+        light,
+        ..Default::default()
+    }
+}
+
+/// From outside, from far to the side, along an axis, and from within.
+fn cameras(mesh: &TetMesh) -> [Camera; 3] {
+    let (low, high) = mesh.bounds();
+    let (middle, extent) = (0.5 * (low + high), (high - low).max_element());
+    let framing = Camera::framing_for(mesh, SIZE);
+    // The middle of a tet near the middle of the body: an eye inside it.
+    let near = |t: &usize| {
+        let p = mesh.tet_nodes(*t).iter().sum::<DVec3>() / 4.0;
+        p.distance_squared(middle)
+    };
+    let t = (0..mesh.tets.len())
+        .min_by(|a, b| near(a).total_cmp(&near(b)))
+        .unwrap();
+    let eye = mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0;
+    [
+        framing,
+        Camera::orthographic(
+            middle + 2.0 * extent * DVec3::X,
+            middle,
+            DVec3::Y,
+            1.1 * extent,
+        ),
+        Camera::perspective(eye, eye + DVec3::new(0.3, 0.2, 1.0), DVec3::Y, 70.0),
+    ]
+}
+
+/// Holds the pieces of `shown` against the whole, in light and without, from every camera; the
+/// largest root mean square and the largest difference, in 255ths.
+fn check(name: &str, shown: &mut Shown, parts: &[usize]) -> (f64, f64) {
+    let gpu = gpu();
+    let (mut rmse, mut most) = (0.0f64, 0.0f64);
+    for light in [Light::None, Light::Head] {
+        shown.options.light = light;
+        let mut caster = shown.whole(&gpu);
+        for (c, camera) in cameras(shown.mesh).iter().enumerate() {
+            let whole = caster.image(camera, SIZE, Mode::Composite).unwrap();
+            for parts in parts {
+                let part_of = kd_parts(shown.mesh, *parts).unwrap();
+                let told = shown.told(&gpu, &part_of, camera);
+                let all: usize = told.iter().map(|t| t.items().len()).sum();
+                let joined = reduced(told);
+                let image = joined.image();
+                keep(&image, &format!("pieces-{name}-{c}-{parts}-{light:?}.png"));
+                let apart = Difference::between(&image, &whole).unwrap();
+                let (r, m) = (255.0 * apart.rmse, 255.0 * apart.max);
+                println!(
+                    "{name} {light:?} camera {c}, {parts} pieces: rmse {r:.4}, max {m:.3} of 255; {all} intervals, {} joined",
+                    joined.items().len()
+                );
+                assert!(r < 0.1, "{name}, camera {c}, {parts} pieces: {apart:?}");
+                (rmse, most) = (rmse.max(r), most.max(m));
+                assert!(all >= joined.items().len());
+            }
+        }
+    }
+    println!("{name}: rmse at most {rmse:.4}, max {most:.3} of 255");
+    (rmse, most)
+}
+
+fn cube() -> TetMesh {
+    generate::benchmark_cube(13, true).unwrap()
+}
+
+#[test]
+fn a_cube_in_pieces_is_the_whole_cube() {
+    let mesh = cube();
+    let mut shown = Shown {
+        scalars: waves(&mesh),
+        mesh: &mesh,
+        in_tets: false,
+        transfer: peers_transfer(),
+        options: options(Light::None),
+    };
+    check("cube", &mut shown, &[1, 2, 5, 16]);
+}
+
+#[test]
+fn a_limb_in_pieces_is_the_whole_limb_by_its_field_and_by_its_regions() {
+    let mesh = generate::by_name("limb", Some(9_000)).unwrap();
+    let mut shown = Shown {
+        scalars: limb_scalars(&mesh),
+        mesh: &mesh,
+        in_tets: false,
+        transfer: TransferFunction::preset("tissue").unwrap(),
+        options: options(Light::None),
+    };
+    check("limb", &mut shown, &[3, 8]);
+    shown.scalars = mesh.region_field().unwrap().values.clone();
+    shown.in_tets = true;
+    check("regions", &mut shown, &[8]);
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn bodies_of_every_kind_in_two_to_sixty_four_pieces_are_whole() {
+    let heart = real_mesh("scalar/chaste_heart_decimation.vtu");
+    let made = [("cube", cube())].into_iter().chain(made_meshes());
+    for (name, mesh) in made.chain(heart.map(|mesh| ("heart", mesh))) {
+        let mut shown = Shown {
+            scalars: waves(&mesh),
+            mesh: &mesh,
+            in_tets: false,
+            transfer: peers_transfer(),
+            options: options(Light::None),
+        };
+        check(name, &mut shown, &[2, 4, 16, 64]);
+    }
+}
+
+#[test]
+fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too() {
+    let mesh = generate::benchmark_cube(7, true).unwrap();
+    let gpu = gpu();
+    let camera = peers_camera();
+    for walk in [Walk::Vertices, Walk::Planes] {
+        let mut shown = Shown {
+            scalars: waves(&mesh),
+            mesh: &mesh,
+            in_tets: false,
+            transfer: peers_transfer(),
+            options: RaycastOptions {
+                walk,
+                ..options(Light::Head)
+            },
+        };
+        let whole = shown.whole(&gpu).image(&camera, SIZE, Mode::Composite);
+        let whole = whole.unwrap();
+        // As many layers as there are, are found by themselves.
+        shown.options.layers = 1;
+        let mut random = Random::new(5);
+        let part_of: Vec<u32> = mesh
+            .tets
+            .iter()
+            .map(|_| (3.0 * random.unit()) as u32)
+            .collect();
+        let told = shown.told(&gpu, &part_of, &camera);
+        // A ray goes in and out of each part many times.
+        let rays = whole.values.chunks(4).filter(|p| p[3] > 0.0).count();
+        let ways: usize = told.iter().map(|t| t.items().len()).sum();
+        println!("{ways} ways of {rays} rays");
+        assert!(ways > 4 * rays);
+        let apart = Difference::between(&reduced(told.clone()).image(), &whole).unwrap();
+        println!("scattered, {walk:?}: {apart:?}");
+        assert!(255.0 * apart.rmse < 0.1, "{walk:?}: {apart:?}");
+        // Laid one behind the other without regard to depth it is not the whole.
+        let mut wrong = told[0].image();
+        for part in &told[1..] {
+            for (a, b) in wrong
+                .values
+                .chunks_mut(4)
+                .zip(part.image().values.chunks(4))
+            {
+                let clear = 1.0 - a[3];
+                a.iter_mut().zip(b).for_each(|(a, b)| *a += clear * b);
+            }
+        }
+        let apart = Difference::between(&wrong, &whole).unwrap();
+        assert!(255.0 * apart.rmse > 1.0, "{apart:?}");
+    }
+}
+
+#[test]
+fn ways_through_a_piece_are_those_of_float64() {
+    let mesh = cube();
+    let gpu = gpu();
+    let shown = Shown {
+        scalars: waves(&mesh),
+        mesh: &mesh,
+        in_tets: false,
+        transfer: peers_transfer(),
+        options: options(Light::None),
+    };
+    let camera = peers_camera();
+    let part_of = kd_parts(&mesh, 6).unwrap();
+    let parted = Parted::new(&mesh, &part_of).unwrap();
+    let frame = LocalFrame::of_mesh(&mesh);
+    let forward = (camera.look_at - camera.eye).normalize();
+    let mut exact: Vec<Vec<ExactInterval>> = vec![Vec::new(); (SIZE[0] * SIZE[1]) as usize];
+    let (mut alike, mut rays) = (0, 0);
+    let transfer = shown.whole(&gpu).transfer();
+    for k in 0..parted.len() {
+        let piece = parted.piece(k).unwrap();
+        let mut caster = shown.piece(&gpu, &piece);
+        assert_eq!(caster.transfer(), transfer);
+        let told = caster.intervals(&camera, SIZE).unwrap();
+        let mut own = piece.mesh.clone();
+        own.tets.truncate(piece.own);
+        let scalars: Vec<f64> = piece
+            .nodes
+            .iter()
+            .map(|v| shown.scalars[*v as usize])
+            .collect();
+        let truth = RayReference::new(&own, &own.nodes, &scalars);
+        let truth = truth.picture(&camera, SIZE, |reference, ray| {
+            let depth = ray.direction.dot(forward);
+            let all = reference.intervals(ray, &transfer);
+            (depth, all)
+        });
+        let mut of_pixel = vec![Vec::new(); exact.len()];
+        told.items()
+            .iter()
+            .for_each(|i| of_pixel[i.pixel as usize].push(*i));
+        for ((exact, (depth, truth)), told) in exact.iter_mut().zip(truth).zip(&of_pixel) {
+            exact.extend(&truth);
+            let seen = |(_, seen): &&ExactInterval| seen[3] > 1e-4;
+            let truth: Vec<&ExactInterval> = truth.iter().filter(seen).collect();
+            let told: Vec<&Interval> = told.iter().filter(|i| i.seen[3] > 1e-4).collect();
+            rays += usize::from(!truth.is_empty());
+            if truth.len() != told.len() {
+                // Along a silhouette of the piece, a hair beside.
+                continue;
+            }
+            let eye = (camera.eye - frame.origin).dot(forward) / frame.scale;
+            let near = truth.iter().zip(&told).all(|((t, seen), i)| {
+                let depths = t.map(|t| eye + t * depth / frame.scale);
+                let deep = (0..2).all(|k| (f64::from(i.depths[k]) - depths[k]).abs() < 1e-3);
+                deep && (0..4).all(|k| (f64::from(i.seen[k]) - seen[k]).abs() < 4.0 / 255.0)
+            });
+            alike += usize::from(near && !truth.is_empty());
+        }
+    }
+    println!("{alike} of {rays} rays through pieces are those of float64");
+    assert!(
+        rays > 10_000 && alike as f64 > 0.98 * rays as f64,
+        "{alike} of {rays}"
+    );
+    // All pieces' together are the whole ray's; in the wrong order they are not.
+    let whole = RayReference::new(&mesh, &mesh.nodes, &shown.scalars);
+    let whole = whole.picture(&camera, SIZE, |r, ray| r.composite(ray, &transfer));
+    let (mut worst, mut wrong) = (0.0f64, 0.0f64);
+    for (parts, whole) in exact.iter().zip(&whole) {
+        let turned: Vec<ExactInterval> = parts.iter().map(|(t, s)| ([-t[0], -t[1]], *s)).collect();
+        let off = |found: [f64; 4]| {
+            (0..4)
+                .map(|k| (found[k] - whole[k]).abs())
+                .fold(0.0, f64::max)
+        };
+        worst = worst.max(off(composite_intervals(parts)));
+        wrong = wrong.max(off(composite_intervals(&turned)));
+    }
+    println!("float64: {worst:.1e} off in order, {wrong:.2} in the wrong one");
+    assert!(worst < 1e-9 && wrong > 0.1, "{worst} {wrong}");
+}
+
+#[test]
+fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
+    let mesh = generate::benchmark_cube(5, true).unwrap();
+    let gpu = gpu();
+    let mut shown = Shown {
+        scalars: waves(&mesh),
+        mesh: &mesh,
+        in_tets: false,
+        transfer: peers_transfer(),
+        options: RaycastOptions {
+            shadows: 0.5,
+            ..options(Light::Head)
+        },
+    };
+    let part_of = kd_parts(&mesh, 2).unwrap();
+    let parted = Parted::new(&mesh, &part_of).unwrap();
+    let piece = parted.piece(0).unwrap();
+    let camera = peers_camera();
+    let said = |caster: &mut Raycaster| caster.intervals(&camera, SIZE).unwrap_err().to_string();
+    let told = said(&mut shown.piece(&gpu, &piece));
+    assert!(told.contains("shadows"), "{told}");
+    shown.options.shadows = 0.0;
+    let mut caster = shown.piece(&gpu, &piece);
+    let iso = Inside {
+        isosurfaces: vec![Isosurface {
+            value: 0.5,
+            colour: None,
+            opacity: 1.0,
+        }],
+        ..Inside::default()
+    };
+    caster.set_inside(&iso).unwrap();
+    let told = said(&mut caster);
+    assert!(told.contains("isosurfaces"), "{told}");
+    // And without it pictures of the same raycaster go on as before.
+    caster.set_inside(&Inside::default()).unwrap();
+    let before = caster.picture(&camera, SIZE).unwrap();
+    let told = caster.intervals(&camera, SIZE).unwrap();
+    let apart = Difference::between(&told.image(), &before).unwrap();
+    assert!(255.0 * apart.rmse < 0.1, "{apart:?}");
+    assert_eq!(caster.picture(&camera, SIZE).unwrap(), before);
+}
+
+#[test]
+fn a_piece_lit_by_its_own_tets_alone_shows_its_seams() {
+    let mesh = cube();
+    let gpu = gpu();
+    let camera = peers_camera();
+    let mut shown = Shown {
+        scalars: waves(&mesh),
+        mesh: &mesh,
+        in_tets: false,
+        transfer: peers_transfer(),
+        options: options(Light::Head),
+    };
+    let part_of = kd_parts(&mesh, 8).unwrap();
+    let parted = Parted::new(&mesh, &part_of).unwrap();
+    let mut off = Vec::new();
+    for light in [Light::None, Light::Head] {
+        shown.options.light = light;
+        let whole = shown.whole(&gpu).image(&camera, SIZE, Mode::Composite);
+        let told = (0..parted.len()).map(|k| {
+            let mut piece = parted.piece(k).unwrap();
+            piece.tets.truncate(piece.own);
+            piece.mesh.tets.truncate(piece.own);
+            shown.piece(&gpu, &piece).intervals(&camera, SIZE).unwrap()
+        });
+        let image = reduced(told.collect()).image();
+        off.push(255.0 * Difference::between(&image, &whole.unwrap()).unwrap().rmse);
+    }
+    println!("without their neighbours: {off:?} of 255");
+    assert!(off[0] < 0.1 && off[1] > 1.0, "{off:?}");
+}
