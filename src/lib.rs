@@ -18,6 +18,7 @@ pub mod mesher;
 pub(crate) mod parallel;
 pub mod physics;
 pub mod press;
+mod progress;
 pub mod render;
 pub mod scene;
 pub mod skin;
@@ -28,6 +29,7 @@ pub mod volume;
 pub mod warp;
 
 pub use error::{Error, FailureCause, Result};
+pub use progress::{Progress, untold};
 /// The version of glam that this library's vectors and matrices are of.
 pub use glam;
 /// The version of wgpu that this library's devices, textures and encoders are of.

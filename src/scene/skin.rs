@@ -22,7 +22,7 @@ impl SkinEntry {
             labels: self.labels.clone().map(Labels::These),
             ..Recipe::default()
         };
-        let surface = recipe.surface(self.smooth.unwrap_or(0), &|_, _| {})?;
+        let surface = recipe.surface(self.smooth.unwrap_or(0), &crate::untold)?;
         let mut skin = Skin::new(gpu, &surface, carrier, self.mapping.unwrap_or_default())?;
         match (&self.field, self.colour) {
             (Some(name), _) => {

@@ -17,7 +17,7 @@ pub use search::{Found, Trial, cheapest};
 
 use crate::gpu::Gpu;
 use crate::scene::Scene;
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 use std::path::Path;
 
 /// What a scene is tuned to.
@@ -54,14 +54,14 @@ pub struct Tuned {
 /// what is being done and the fraction of it that is done.
 ///
 /// # Errors
-/// [`Error::Input`] for a tolerance that makes no sense, a scene whose body is a grid or is cut,
+/// [`Error::Cancelled`]; [`Error::Input`] for a tolerance that makes no sense, a scene whose body is a grid or is cut,
 /// or one in which nothing moves as far as can be seen; otherwise as
 /// [`Stage::new`](crate::scene::Stage::new).
 pub fn tune(
     gpu: &Gpu,
     scene: &Scene,
     wanted: &Wanted,
-    progress: &(dyn Fn(&str, f64) + Sync),
+    progress: Progress,
 ) -> Result<Tuned> {
     let sound = |x: f64| x.is_finite() && x > 0.0;
     if !sound(wanted.error) || !sound(wanted.seconds) || !wanted.fps.is_none_or(sound) {
