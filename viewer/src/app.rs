@@ -126,6 +126,8 @@ pub struct App {
     /// How deep strokes cut, over the body's diagonal.
     pub(crate) cut_depth: f64,
     pub(crate) histogram: Option<Histogram>,
+    /// Whether planes have handles in the picture.
+    pub(crate) handles_shown: bool,
     /// The point of the transfer function that is dragged.
     pub(crate) dragged: Option<usize>,
     /// What a path is asked for, while it is.
@@ -189,6 +191,7 @@ impl App {
             ruler: None,
             cut_depth: CUT_DEPTH,
             histogram: None,
+            handles_shown: true,
             dragged: None,
             ask: None,
             picture: [1024, 768],
@@ -292,8 +295,10 @@ impl App {
             error: self.said.1,
             name: self.document.as_ref().map(|d| d.name.clone()),
             loading: self.loading.as_ref().map(|l| l.name.clone()),
-            time_s: show.map_or(0.0, |s| s.stage().time()),
+            time_s: show.map_or(0.0, Show::time),
             playing: show.is_some_and(|s| s.playing),
+            series_frame: show.and_then(|s| Some(s.player.as_ref()?.shown())),
+            planes: self.plane_values(),
         }
     }
 
@@ -332,6 +337,10 @@ impl eframe::App for App {
         #[cfg(not(target_arch = "wasm32"))]
         self.film(&context);
         self.watch(&context);
+        let (held, pressed) = context.input(|i| (i.pointer.any_down(), i.pointer.any_pressed()));
+        if let Some(document) = &mut self.document {
+            document.hold(held, pressed);
+        }
         self.keys(&context);
         if let Some(show) = &mut self.show {
             show.tick(began);
@@ -344,6 +353,9 @@ impl eframe::App for App {
         }
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui));
+        if self.show.as_ref().is_some_and(|show| show.player.is_some()) {
+            egui::Panel::bottom("series").show(ui, |ui| self.scrubber(ui));
+        }
         egui::Panel::left("hands")
             .exact_size(HANDS)
             .show(ui, |ui| self.hands(ui));

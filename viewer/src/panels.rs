@@ -429,6 +429,10 @@ impl App {
             });
             *values = [point.x, point.y, point.z, normal.x, normal.y, normal.z];
         }
+        if !planes.is_empty() {
+            ui.checkbox(&mut self.handles_shown, "Handles in the picture")
+                .on_hover_text("Drag the square to move a plane, the round end of its arrow to tilt it");
+        }
         let middle = (0.5 * (low + high)).to_array();
         let [a, b, c] = middle;
         let back = self.orbit.turn * DVec3::Z;
@@ -670,7 +674,7 @@ fn is_called(mesh: &TetMesh, name: &str, said: &str) -> bool {
         || labels.any(|(label, own)| own == name && said == label.to_string())
 }
 
-fn plane_table(plane: &PlaneEntry) -> Table {
+pub(crate) fn plane_table(plane: &PlaneEntry) -> Table {
     let mut table = Table::new();
     let all = [
         ("clip", plane.clip),

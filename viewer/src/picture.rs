@@ -56,6 +56,7 @@ impl App {
         let painter = ui.painter_at(area.rect);
         let strong = ui.visuals().strong_text_color();
         let line = Line::new(2.0, ui.visuals().selection.stroke.color);
+        self.draw_handles(ui, area, camera);
         if let Stroke::Cut(way, _) = &self.stroke {
             painter.line(way.clone(), line);
         }

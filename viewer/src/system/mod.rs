@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 
 /// Endings of what can be opened.
-const OPENED: [&str; 17] = [
-    "toml", "vtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr", "nii", "gz", "mha",
+const OPENED: [&str; 18] = [
+    "toml", "pvd", "vtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr", "nii", "gz", "mha",
     "mhd", "stl", "ply", "obj",
 ];
 
