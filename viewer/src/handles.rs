@@ -329,9 +329,11 @@ mod tests {
         let tilted = towards.tilted(&ray(eye, place));
         assert!(tilted.is_some_and(|t| t.normal.distance(wanted) < 1e-9), "{tilted:?}");
         assert!(tilted.is_some_and(|t| t.middle == handle.middle));
-        // Beside the sphere it lies in the picture's plane.
-        let beside = towards.tilted(&ray(eye, DVec3::new(0.0, 50.0, 1.0)));
-        assert!(beside.is_some_and(|t| t.normal.y > 0.9), "{beside:?}");
+        // Beside the sphere it is turned towards the pointer as far as it is seen to.
+        let aside = ray(eye, DVec3::new(0.0, 5.0, 1.0));
+        let beside = towards.tilted(&aside);
+        let across = |t: Handle| t.normal.y > 0.8 && t.normal.dot(aside.direction).abs() < 1e-9;
+        assert!(beside.is_some_and(across), "{beside:?}");
     }
 
     #[test]

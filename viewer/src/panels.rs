@@ -148,7 +148,7 @@ impl App {
         let Some(show) = &self.show else { return };
         let stage = show.stage();
         let field = stage.scalar_field();
-        let of = (field.name.clone(), stage.mesh().tets.len());
+        let of = (field.name.clone(), show.version);
         let fresh = |h: &&Histogram| h.of == of && h.range == range;
         if self.histogram.as_ref().filter(fresh).is_none() {
             let values = field.cells.as_ref().unwrap_or(&field.values);
