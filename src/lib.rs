@@ -29,8 +29,8 @@ pub mod volume;
 pub mod warp;
 
 pub use error::{Error, FailureCause, Result};
-pub use progress::{Progress, untold};
 /// The version of glam that this library's vectors and matrices are of.
 pub use glam;
+pub use progress::{Progress, untold};
 /// The version of wgpu that this library's devices, textures and encoders are of.
 pub use wgpu;

@@ -169,7 +169,7 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
         domain,
         added: &added,
     };
-    report.optimiser = 
+    report.optimiser =
         optimise::improve(weighed, report.edge, own, (&mut nodes, &mut pieces), &part)?;
     report.stage("shapes");
     Part::begin(progress, "quality", 0.9)?;

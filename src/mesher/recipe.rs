@@ -2,8 +2,7 @@
 
 use super::described::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
 use super::{
-    Domain, Filling, Length, MeshOptions, MeshReport, Spacing, SurfaceDomain, Window,
-    fill, tetgen,
+    Domain, Filling, Length, MeshOptions, MeshReport, Spacing, SurfaceDomain, Window, fill, tetgen,
 };
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};

@@ -17,14 +17,17 @@ impl Stage {
     pub fn show_frame(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
         let Drive::Posed(posed) = &mut self.drive else {
             return Err(Error::Input(
-                "the body moves, so frames of a series cannot be shown; leave the solver out".into(),
+                "the body moves, so frames of a series cannot be shown; leave the solver out"
+                    .into(),
             ));
         };
         posed.show(nodes, fields)?;
         self.cached = None;
         let name = &self.scalars.name;
         let own = [Location::Node, Location::Cell];
-        let named = own.iter().any(|at| self.drive.mesh().field(name, *at).is_some());
+        let named = own
+            .iter()
+            .any(|at| self.drive.mesh().field(name, *at).is_some());
         if !self.scene.scan.is_empty() || !self.scalars.regions.is_empty() || !named {
             return Ok(());
         }
@@ -40,7 +43,11 @@ impl Stage {
         self.scalars.cells = seen.cells;
         let (low, high) = self.scalars.range;
         // What is the same everywhere has a colour as well.
-        let range = if low < high { (low, high) } else { (low, low + 1.0) };
+        let range = if low < high {
+            (low, high)
+        } else {
+            (low, low + 1.0)
+        };
         let geometry = self.raycaster.geometry_mut();
         geometry.set_scalars(self.drive.mesh(), self.scalars.scalars(), range)?;
         self.raycaster.refresh_range()?;

@@ -78,9 +78,9 @@ pub fn cheapest<T: Trial>(
         }
     }
     let least = errors.iter().min_by(|a, b| a.1.total_cmp(b.1));
-    let chosen = met.or_else(|| least.map(|(i, _)| *i)).ok_or_else(|| {
-        Error::Input("no candidate of the search could be run at all".into())
-    })?;
+    let chosen = met
+        .or_else(|| least.map(|(i, _)| *i))
+        .ok_or_else(|| Error::Input("no candidate of the search could be run at all".into()))?;
     Ok(Found {
         point: points[chosen].clone(),
         cost: costs[chosen],

@@ -9,6 +9,7 @@ use crate::loading::Loading;
 use crate::log::{Frame, FrameLog, memory_mb};
 use crate::opening::Watched;
 use crate::orbit::Orbit;
+use crate::panel::Taking;
 use crate::saving::SavedPicture;
 use crate::screen::Screen;
 use crate::settings::{Settings, Theme};
@@ -139,6 +140,11 @@ pub struct App {
     pub(crate) chosen: (Sender<Chosen>, Receiver<Chosen>),
     pub(crate) screen: Screen,
     pub(crate) watched: Option<Watched>,
+    /// A scan or a skin that is being read.
+    pub(crate) taking: Option<Taking>,
+    /// What is tuned, and to what.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub(crate) tuning: crate::panel::Tuning,
     /// A picture that is saved as soon as it is there.
     pub(crate) saved_picture: Option<SavedPicture>,
     /// A film that is being made.
@@ -199,6 +205,9 @@ impl App {
             chosen: channel(),
             screen: Screen::default(),
             watched: None,
+            taking: None,
+            #[cfg(not(target_arch = "wasm32"))]
+            tuning: crate::panel::Tuning::default(),
             saved_picture: None,
             #[cfg(not(target_arch = "wasm32"))]
             recording: None,
@@ -332,6 +341,7 @@ impl eframe::App for App {
         let context = ui.ctx().clone();
         self.take_files(&context);
         self.take_over(&context);
+        self.take_read();
         let saved = self.save_arrived(&context);
         self.tell_error(saved);
         #[cfg(not(target_arch = "wasm32"))]
@@ -372,7 +382,7 @@ impl eframe::App for App {
         if let Some(why) = self.device_trouble() {
             self.said = (why.to_string(), true);
         }
-        if self.loading.is_some() {
+        if self.loading.is_some() || self.taking.is_some() {
             context.request_repaint_after(Duration::from_millis(100));
         }
         if let Some(look) = self.show.as_ref().and_then(Show::next_look) {

@@ -75,13 +75,16 @@ impl Document {
         if !palpate::io::exists(&file) {
             return Err(Error::io(&file)(std::io::ErrorKind::NotFound.into()));
         }
-        let is_series = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("pvd"));
+        let is_series = file
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("pvd"));
         let shown = match is_series {
             false => name.clone(),
             true => {
                 let frames = palpate::io::read_pvd(&file)?;
                 let first = frames.first().map(|frame| frame.file.clone());
-                let first = first.ok_or_else(|| Error::format(&file, "the series has no frames"))?;
+                let first =
+                    first.ok_or_else(|| Error::format(&file, "the series has no frames"))?;
                 let beside = first.strip_prefix(&folder).unwrap_or(&first);
                 beside.to_string_lossy().into_owned()
             }
@@ -119,6 +122,12 @@ impl Document {
     /// [`Error::Input`] for what makes no sense in it.
     pub fn scene(&self) -> Result<Scene> {
         Scene::parse_in(&self.text.to_string(), &self.folder)
+    }
+
+    /// The path of a file as its text names it.
+    pub fn beside(&self, file: &Path) -> String {
+        let beside = file.strip_prefix(&self.folder).unwrap_or(file);
+        beside.to_string_lossy().into_owned()
     }
 
     /// Its text.
@@ -198,8 +207,7 @@ impl Document {
     ) -> String {
         let mut text = self.text.clone();
         if let Some((file, range)) = frame {
-            let beside = file.strip_prefix(&self.folder).unwrap_or(file);
-            let beside = Value::from(beside.to_string_lossy().into_owned());
+            let beside = Value::from(self.beside(file));
             set(&mut text, "mesh", "file", Some(beside));
             if let Some(range) = range {
                 set(&mut text, "picture", "range", Some(numbers(range)));
@@ -296,6 +304,20 @@ pub fn set_all(text: &mut DocumentMut, name: &str, tables: Vec<Table>) {
     text.insert(name, Item::ArrayOfTables(all));
 }
 
+/// The tables that `name` has, `[name]` or several `[[name]]`.
+pub fn tables(text: &DocumentMut, name: &str) -> Vec<Table> {
+    match text.get(name) {
+        Some(Item::Table(one)) => vec![one.clone()],
+        Some(Item::ArrayOfTables(all)) => all.iter().cloned().collect(),
+        Some(Item::Value(Value::InlineTable(one))) => vec![one.clone().into_table()],
+        Some(Item::Value(Value::Array(all))) => {
+            let own = all.iter().filter_map(Value::as_inline_table);
+            own.map(|one| one.clone().into_table()).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
 /// An array of numbers.
 pub fn numbers<const N: usize>(values: [f64; N]) -> Value {
     Value::Array(values.into_iter().collect())
@@ -386,18 +408,24 @@ mod tests {
         let mut document = document();
         let mut drag = |mode: &str| {
             let mode = Value::from(mode);
-            document.edit("mode", |t| set(t, "picture", "mode", Some(mode))).unwrap();
+            document
+                .edit("mode", |t| set(t, "picture", "mode", Some(mode)))
+                .unwrap();
             document.hold(true, false);
             document.edits()
         };
         assert_eq!([drag("mip"), drag("mean"), drag("minip")], [1, 1, 1]);
         // However long the pointer rests meanwhile.
         document.last = document.last.map(|(what, at)| (what, at - 4 * AT_ONCE));
-        document.edit("mode", |t| set(t, "picture", "mode", None)).unwrap();
+        document
+            .edit("mode", |t| set(t, "picture", "mode", None))
+            .unwrap();
         assert_eq!(document.edits(), 1);
         document.hold(true, true);
         let mode = Some(Value::from("mip"));
-        document.edit("mode", |t| set(t, "picture", "mode", mode)).unwrap();
+        document
+            .edit("mode", |t| set(t, "picture", "mode", mode))
+            .unwrap();
         assert_eq!(document.edits(), 2, "another drag is another edit");
     }
 

@@ -3,7 +3,7 @@
 use crate::app::App;
 use crate::document::set_all;
 use crate::hand::{Area, Stroke};
-use crate::panels::plane_table;
+use crate::panel::plane_table;
 use eframe::egui::{self, Color32, Pos2, Shape, Stroke as Line};
 use glam::DVec3;
 use palpate::render::{Camera, Ray};
@@ -231,8 +231,7 @@ impl App {
             };
             let line = Line::new(if strong { 2.5 } else { 1.5 }, colour);
             let around = handle.outline(show.bounds);
-            let around: Option<Vec<Pos2>> =
-                around.iter().map(|p| area.seen(camera, *p)).collect();
+            let around: Option<Vec<Pos2>> = around.iter().map(|p| area.seen(camera, *p)).collect();
             if let Some(around) = around.filter(|around| around.len() > 2) {
                 painter.add(Shape::closed_line(around, Line::new(1.0, colour)));
             }
@@ -242,7 +241,11 @@ impl App {
             let fill = ui.visuals().extreme_bg_color;
             if let Some(tip) = area.seen(camera, handle.tip()) {
                 painter.line_segment([middle, tip], line);
-                let filled = if own == Some(Hold::Tilt) { colour } else { fill };
+                let filled = if own == Some(Hold::Tilt) {
+                    colour
+                } else {
+                    fill
+                };
                 painter.circle(tip, KNOB, filled, line);
             }
             let moves = matches!(own, Some(Hold::Move(_)));
@@ -312,7 +315,11 @@ mod tests {
         assert!(middle.distance(DVec3::new(0.0, 0.0, -1.0)) < 1e-12 && normal == DVec3::Z);
         assert!(to(99.0).is_some_and(|m| (m.middle.z - 3.0).abs() < 1e-12));
         // Along the normal nothing is told.
-        assert!(handle.along(&ray(DVec3::new(0.0, 0.0, 9.0), DVec3::ZERO)).is_none());
+        assert!(
+            handle
+                .along(&ray(DVec3::new(0.0, 0.0, 9.0), DVec3::ZERO))
+                .is_none()
+        );
     }
 
     #[test]
@@ -327,7 +334,10 @@ mod tests {
             ..handle
         };
         let tilted = towards.tilted(&ray(eye, place));
-        assert!(tilted.is_some_and(|t| t.normal.distance(wanted) < 1e-9), "{tilted:?}");
+        assert!(
+            tilted.is_some_and(|t| t.normal.distance(wanted) < 1e-9),
+            "{tilted:?}"
+        );
         assert!(tilted.is_some_and(|t| t.middle == handle.middle));
         // Beside the sphere it is turned towards the pointer as far as it is seen to.
         let aside = ray(eye, DVec3::new(0.0, 5.0, 1.0));
@@ -340,7 +350,9 @@ mod tests {
     fn an_outline_goes_around_the_bounds() {
         let around = handle().outline(BOUNDS);
         assert_eq!(around.len(), 4);
-        let length: f64 = (0..4).map(|k| around[k].distance(around[(k + 1) % 4])).sum();
+        let length: f64 = (0..4)
+            .map(|k| around[k].distance(around[(k + 1) % 4]))
+            .sum();
         assert!((length - 12.0).abs() < 1e-12, "{around:?}");
         let tilted = Handle {
             normal: DVec3::new(6.0, 3.0, 2.0).normalize(),

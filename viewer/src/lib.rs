@@ -16,17 +16,15 @@ mod handles;
 mod histogram;
 pub mod loading;
 pub mod log;
-mod matter;
 mod menu;
 mod opening;
 pub mod orbit;
-mod panels;
+mod panel;
 mod picture;
 #[cfg(not(target_arch = "wasm32"))]
 mod recording;
 mod saving;
 pub mod screen;
-mod scrubber;
 pub mod series;
 pub mod settings;
 pub mod show;

@@ -8,7 +8,7 @@ use crate::touches::Touch;
 use eframe::egui;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
-use palpate::scene::Scene;
+use palpate::scene::{ScanEntry, Scene};
 use palpate::{Error, Progress, Result, io};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -206,15 +206,16 @@ impl Loading {
                     series: None,
                 },
             };
-            read_carried(&mut scene, progress)?;
+            let scans = read_carried(&mut scene, progress)?;
             if progress("making it ready", 1.0).is_break() {
                 return Err(Error::Cancelled);
             }
             let radius = Some(kept.radius).filter(|radius| *radius > 0.0);
-            let show = match kept.series {
+            let mut show = match kept.series {
                 Some(series) => Show::of_series(&gpu, &scene, kept.mesh, series)?,
                 None => Show::new(&gpu, &scene, kept.mesh, radius)?,
             };
+            show.keep_read(scans, Vec::new());
             Ok(waking(show, &woken))
         });
         Ok(Loading {
@@ -238,17 +239,50 @@ impl Loading {
 }
 
 /// Reads the scans and skins of a scene, so that edits of how it looks need not read them again.
-fn read_carried(scene: &mut Scene, progress: Progress) -> Result<()> {
+fn read_carried(scene: &mut Scene, progress: Progress) -> Result<Vec<ReadScan>> {
+    let mut scans = Vec::new();
     for scan in &mut scene.scan {
-        if progress("reading the scan", 0.0).is_break() {
-            return Err(Error::Cancelled);
-        }
-        scan.volume.0 = Some(Arc::new(io::read_volume(&scan.file)?));
+        let read = read_scan(scan, progress)?;
+        *scan = read.0.clone();
+        scans.push(read);
     }
     for skin in &mut scene.skin {
         skin.surface.0 = Some(Arc::new(skin.read(progress)?));
     }
-    Ok(())
+    Ok(scans)
+}
+
+/// Labels that are told one by one.
+const FEW: usize = 64;
+
+/// A scan with its volume, and its labels by number and name where they are few.
+pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
+
+/// Reads a scan.
+///
+/// # Errors
+/// What reading gives; [`Error::Cancelled`].
+pub(crate) fn read_scan(scan: &ScanEntry, progress: Progress) -> Result<ReadScan> {
+    let told = |what| match progress(what, 0.0).is_break() {
+        true => Err(Error::Cancelled),
+        false => Ok(()),
+    };
+    told("reading the scan")?;
+    let volume = io::read_volume(&scan.file)?;
+    told("looking for labels")?;
+    let labels = volume.labels().filter(|all| all.len() <= FEW);
+    let labels = labels.map(|all| {
+        let shown = all.into_keys().filter(|label| *label != 0);
+        let named = shown.map(|label| {
+            let name = volume.names.get(&label).cloned();
+            (label, name.unwrap_or_else(|| format!("label {label}")))
+        });
+        named.collect()
+    });
+    let mut read = scan.clone();
+    read.volume.0 = Some(Arc::new(volume));
+    told("making it ready")?;
+    Ok((read, labels))
 }
 
 #[cfg(test)]

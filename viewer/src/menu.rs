@@ -5,6 +5,7 @@ use crate::ask::{Ask, Saved};
 use crate::examples::EXAMPLES;
 use crate::hand::{Hand, Stroke};
 use crate::orbit::Side;
+use crate::panel::Purpose;
 use crate::settings::{Habit, Theme};
 use crate::system;
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
@@ -42,10 +43,10 @@ impl App {
             self.undo(false, context);
         }
         if pressed(&OPEN) {
-            system::choose_file(self.wish(context));
+            system::choose_file(self.wish(context), Purpose::Open);
         }
         if pressed(&OPEN_PATH) {
-            self.ask = Some(Ask::open());
+            self.ask = Some(Ask::of(Purpose::Open));
         }
         if pressed(&SAVE_PICTURE) {
             self.ask_place(Saved::Picture);
@@ -188,10 +189,10 @@ impl App {
 
     fn menu_file(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         if item(ui, true, "Open…", Some(&OPEN)) {
-            system::choose_file(self.wish(context));
+            system::choose_file(self.wish(context), Purpose::Open);
         }
         if item(ui, true, "Open path…", Some(&OPEN_PATH)) {
-            self.ask = Some(Ask::open());
+            self.ask = Some(Ask::of(Purpose::Open));
         }
         ui.menu_button("Open recent", |ui| {
             let recent = self.settings.recent.clone();

@@ -78,8 +78,11 @@ impl App {
         }
     }
 
-    /// Drops what is being opened.
+    /// Drops what is being opened or read.
     pub(crate) fn cancel_loading(&mut self) {
+        if self.loading.is_none() && self.taking.take().is_some() {
+            return self.say("it was left out".into());
+        }
         if let Some(loading) = self.loading.take() {
             // Its thread ends soon, wherever it is.
             self.say(format!("{} was not opened", loading.name));
@@ -174,6 +177,7 @@ impl App {
             (None, ..) => {}
         }
         self.stroke = Stroke::Idle;
+        self.taking = None;
         self.ruler = None;
         self.histogram = None;
         self.screen.forget();
@@ -200,9 +204,9 @@ impl App {
         }
         while let Ok(chosen) = self.chosen.1.try_recv() {
             match chosen {
-                Chosen::Open(file) => {
+                Chosen::File(purpose, file) => {
                     self.ask = None;
-                    self.open(&file, context);
+                    self.take(purpose, &file, context);
                 }
                 Chosen::Place(file) => {
                     if let Some(ask) = &mut self.ask {

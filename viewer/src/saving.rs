@@ -49,7 +49,10 @@ impl App {
                     let field = show.stage().scalar_field();
                     let range = player.series().range(&field.name);
                     let range = range.filter(|_| field.regions.is_empty());
-                    Some((player.series().file(player.shown())?, range.map(|(a, b)| [a, b])))
+                    Some((
+                        player.series().file(player.shown())?,
+                        range.map(|(a, b)| [a, b]),
+                    ))
                 });
                 let text = document.text_seen(folder, &camera, self.picture, frame);
                 write(&file, text.as_bytes())?;

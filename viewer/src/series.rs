@@ -108,7 +108,9 @@ impl Series {
         });
         let known = self.ranges.entry(field.name.clone());
         let known = known.or_insert((f64::INFINITY, f64::NEG_INFINITY));
-        *known = lengths.filter(|x| x.is_finite()).fold(*known, |(a, b), x| (a.min(x), b.max(x)));
+        *known = lengths
+            .filter(|x| x.is_finite())
+            .fold(*known, |(a, b), x| (a.min(x), b.max(x)));
     }
 
     /// How many frames there are.
@@ -129,7 +131,10 @@ impl Series {
 
     /// What a field is in any frame.
     pub fn range(&self, field: &str) -> Option<(f64, f64)> {
-        self.ranges.get(field).copied().filter(|(low, high)| low < high)
+        self.ranges
+            .get(field)
+            .copied()
+            .filter(|(low, high)| low < high)
     }
 
     /// The last frame that has begun so long after the first, s.
@@ -262,7 +267,10 @@ impl Player {
                 let frame = Frame::of(io::read(&file)?);
                 match first.is_none_or(|first| first.nodes.len() == frame.nodes.len()) {
                     true => Ok(frame),
-                    false => Err(Error::format(&file, "has changed since the series was opened")),
+                    false => Err(Error::format(
+                        &file,
+                        "has changed since the series was opened",
+                    )),
                 }
             });
             self.reading = Some((self.wanted, work));
@@ -357,7 +365,9 @@ impl Show {
             return Some(Duration::ZERO);
         }
         let left = player.until_next().filter(|_| self.playing)?;
-        Some(Duration::from_secs_f64((left / self.speed).clamp(1e-3, 1.0)))
+        Some(Duration::from_secs_f64(
+            (left / self.speed).clamp(1e-3, 1.0),
+        ))
     }
 }
 
@@ -376,10 +386,16 @@ mod tests {
         let mesh = bar_of_about(100, DVec3::new(0.12, 0.06, 0.06)).unwrap();
         let mut series = PvdSeries::create(folder, "bar").unwrap();
         for k in 0..4 {
-            let nodes: Vec<DVec3> = mesh.nodes.iter().map(|p| *p + 0.01 * f64::from(k) * DVec3::Z).collect();
+            let nodes: Vec<DVec3> = mesh
+                .nodes
+                .iter()
+                .map(|p| *p + 0.01 * f64::from(k) * DVec3::Z)
+                .collect();
             let values = nodes.iter().map(|p| f64::from(k) + p.x).collect();
             let field = Field::scalar("heat", Location::Node, values);
-            series.push_deformed(0.1 * f64::from(k), &mesh, &nodes, &[field]).unwrap();
+            series
+                .push_deformed(0.1 * f64::from(k), &mesh, &nodes, &[field])
+                .unwrap();
         }
         (series.path(), mesh)
     }
@@ -404,8 +420,12 @@ mod tests {
             let (series, first) = Series::read_keeping(&file, most, &palpate::untold).unwrap();
             assert_eq!(series.count(), 4);
             let (low, high) = series.range("heat").unwrap();
-            assert!(low.abs() < 1e-9 && (high - 3.12).abs() < 1e-6, "{low} {high}");
-            let scene = Scene::parse("[picture]\nfield = \"heat\"\ntransfer = \"viridis\"\n").unwrap();
+            assert!(
+                low.abs() < 1e-9 && (high - 3.12).abs() < 1e-6,
+                "{low} {high}"
+            );
+            let scene =
+                Scene::parse("[picture]\nfield = \"heat\"\ntransfer = \"viridis\"\n").unwrap();
             let mut show =
                 Show::of_series(&gpu, &scene, Arc::new(first), Arc::new(series)).unwrap();
             assert_eq!(show.stage().scalar_field().range, (low, high));
@@ -443,11 +463,22 @@ mod tests {
         let (file, _) = recorded(folder.path());
         let other = bar_of_about(300, DVec3::new(0.12, 0.06, 0.06)).unwrap();
         io::write(folder.path().join("bar_00002.vtu"), &other).unwrap();
-        let said = Series::read(&file, &palpate::untold).map(|_| ()).unwrap_err();
-        assert!(said.to_string().contains("bar_00002.vtu: is no frame of the same mesh"), "{said}");
+        let said = Series::read(&file, &palpate::untold)
+            .map(|_| ())
+            .unwrap_err();
+        assert!(
+            said.to_string()
+                .contains("bar_00002.vtu: is no frame of the same mesh"),
+            "{said}"
+        );
         PvdSeries::create(folder.path(), "none").unwrap();
         let none = Series::read(&folder.path().join("none.pvd"), &palpate::untold);
-        assert!(none.map(|_| ()).unwrap_err().to_string().contains("no frames"));
+        assert!(
+            none.map(|_| ())
+                .unwrap_err()
+                .to_string()
+                .contains("no frames")
+        );
         let stopped = Series::read(&file, &|_, _| std::ops::ControlFlow::Break(()));
         assert!(matches!(stopped, Err(Error::Cancelled)));
     }

@@ -1,5 +1,6 @@
 //! A body that is open: stepped as time goes by, touched, drawn.
 
+use crate::loading::ReadScan;
 use crate::series::Player;
 use crate::touches::{Before, Touch, Touches};
 use eframe::egui;
@@ -9,9 +10,10 @@ use palpate::mesh::{Blade, TetMesh, Topology};
 use palpate::physics::{Engine, GrabId, Grip, SolverKind, Waker};
 use palpate::render::{Camera, Pick};
 use palpate::scene::{
-    Axis, Motion, PendingImage, Region, ScanEntry, Scene, SkinEntry, SphereEntry, Stage, ToolEntry,
+    Axis, Motion, PendingImage, Region, Scene, SkinEntry, SphereEntry, Stage, ToolEntry,
 };
 use palpate::{Error, Result};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use web_time::Instant;
@@ -89,7 +91,7 @@ pub struct Show {
     /// The scene that it was made of.
     made: Scene,
     /// Scans and skins that were read.
-    read: (Vec<ScanEntry>, Vec<SkinEntry>),
+    read: (Vec<ReadScan>, Vec<SkinEntry>),
     /// The recorded series that is shown, where one is.
     pub player: Option<Player>,
     /// What was measured since the last press began.
@@ -216,7 +218,7 @@ impl Show {
             grab: None,
             blade: None,
             touches: Touches::default(),
-            read: (made.scan.clone(), made.skin.clone()),
+            read: (Vec::new(), made.skin.clone()),
             made,
             player: None,
             samples: Vec::new(),
@@ -274,14 +276,18 @@ impl Show {
     fn with_read(&self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         for scan in &mut scene.scan {
-            let known = self.read.0.iter().find(|k| k.file == scan.file);
+            let mut all = self.read.0.iter().map(|(known, _)| known);
+            let known = all.find(|known| known.file == scan.file);
             if let Some(known) = known.filter(|_| scan.volume.0.is_none()) {
                 scan.volume = known.volume.clone();
             }
         }
         for skin in &mut scene.skin {
             let same = |k: &&SkinEntry| {
-                let (a, b) = ((&k.file, k.smooth, &k.labels), (&skin.file, skin.smooth, &skin.labels));
+                let (a, b) = (
+                    (&k.file, k.smooth, &k.labels),
+                    (&skin.file, skin.smooth, &skin.labels),
+                );
                 a == b && k.above == skin.above
             };
             let known = self.read.1.iter().find(same).map(|k| k.surface.clone());
@@ -292,10 +298,19 @@ impl Show {
         scene
     }
 
+    /// The labels of a scan that was read, by number and name, where they are few.
+    pub(crate) fn labels_of(&self, file: &Path) -> Option<&[(i64, String)]> {
+        let known = self.read.0.iter().find(|(scan, _)| scan.file == file)?;
+        known.1.as_deref()
+    }
+
     /// Keeps scans and skins that were read, so that edits need not read them again.
-    pub(crate) fn keep_read(&mut self, scans: &[ScanEntry], skins: &[SkinEntry]) {
-        self.read.0.extend_from_slice(scans);
-        self.read.1.extend_from_slice(skins);
+    pub(crate) fn keep_read(&mut self, scans: Vec<ReadScan>, skins: Vec<SkinEntry>) {
+        for scan in scans {
+            self.read.0.retain(|known| known.0.file != scan.0.file);
+            self.read.0.push(scan);
+        }
+        self.read.1.extend(skins);
     }
 
     /// The same of planes and isosurfaces alone.
