@@ -17,15 +17,32 @@ impl App {
             return;
         }
         let looks = scene.picture.region;
+        // By name in any case, or by label.
+        let look_of = |name: &String| {
+            let mut all = looks.iter();
+            all.find(|(said, _)| is_called(&show.mesh, name, said))
+        };
+        let field = show.stage().scalar_field();
+        let transfer = show.stage().transfer();
+        // What a region is drawn in where nothing is said of it.
+        let drawn = |name: &String| {
+            let (_, scalar) = field.regions.iter().find(|(own, _)| own == name)?;
+            let [r, g, b] = transfer
+                .colour(*scalar)
+                .map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8);
+            Some(Color32::from_rgb(r, g, b))
+        };
         let hidden = |name: &String| {
             let hide = scene.picture.hide.iter();
             let mut said = hide.filter(|said| is_called(&show.mesh, name, said));
-            said.next().is_some() || looks.get(name).is_some_and(|look| look.hidden)
+            said.next().is_some() || look_of(name).is_some_and(|(_, look)| look.hidden)
         };
         let known = show.mesh.clone();
         let mut change: Option<(String, RegionLookEntry)> = None;
         for name in &regions {
-            let mut look = looks.get(name).cloned().unwrap_or_default();
+            let mut look = look_of(name)
+                .map(|(_, look)| look.clone())
+                .unwrap_or_default();
             look.hidden = hidden(name);
             ui.horizontal(|ui| {
                 if eye(ui, !look.hidden)
@@ -39,7 +56,7 @@ impl App {
                     .colour
                     .as_deref()
                     .and_then(|c| Color32::from_hex(c).ok());
-                let mut own = colour.unwrap_or(Color32::GRAY);
+                let mut own = colour.or(drawn(name)).unwrap_or(Color32::GRAY);
                 if ui.color_edit_button_srgba(&mut own).changed() {
                     let [r, g, b, _] = own.to_array();
                     look.colour = Some(format!("#{r:02x}{g:02x}{b:02x}"));
@@ -63,6 +80,7 @@ impl App {
             });
         }
         if let Some((name, look)) = change {
+            let key = look_of(&name).map_or_else(|| name.clone(), |(key, _)| key.clone());
             self.edit_looks(&format!("region {name}"), |t| {
                 let picture = t.entry("picture").or_insert(Item::Table(Table::new()));
                 let Some(picture) = picture.as_table_like_mut() else {
@@ -91,8 +109,8 @@ impl App {
                     own.insert("hidden", Item::Value(Value::from(true)));
                 }
                 match own.is_empty() {
-                    true => all.remove(&name),
-                    false => all.insert(&name, Item::Table(own)),
+                    true => all.remove(&key),
+                    false => all.insert(&key, Item::Table(own)),
                 };
             });
         }

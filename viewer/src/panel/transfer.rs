@@ -5,7 +5,7 @@ use crate::document::set;
 use crate::histogram::Histogram;
 use eframe::egui::{self, Color32, Pos2, Rect, Sense, Stroke as Line};
 use palpate::render::TransferFunction;
-use toml_edit::Value;
+use toml_edit::{DocumentMut, Value};
 
 /// Height of the editor of transfer functions.
 const EDITOR: f32 = 110.0;
@@ -49,6 +49,7 @@ impl App {
             let y = f64::from((rect.bottom() - at.y) / rect.height()).clamp(0.0, DENSE);
             [range.0 + x * span, -(-y).ln_1p() / way]
         };
+        let densest = -(-DENSE).ln_1p() / way;
         let painter = ui.painter_at(rect);
         painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
         if let Some(histogram) = &self.histogram {
@@ -101,7 +102,11 @@ impl App {
             .dragged
             .filter(|n| response.dragged() && *n < points.len())
         {
-            let [s, density] = point(at);
+            let [s, mut density] = point(at);
+            // What is denser than can be shown stays so while it is dragged aside.
+            if density >= densest {
+                density = density.max(points[n][1]);
+            }
             let before = n.checked_sub(1).map_or(f64::NEG_INFINITY, |n| points[n][0]);
             let after = points.get(n + 1).map_or(f64::INFINITY, |p| p[0]);
             points[n] = [s.clamp(before, after), density];
@@ -116,15 +121,23 @@ impl App {
         }
     }
 
-    /// Takes a transfer function over, which is quicker than all looks are.
+    /// Takes a transfer function over, which is quicker than all looks are where nothing but the inside
+    /// goes by it.
     fn edit_transfer(&mut self, json: &str) {
+        let change = |t: &mut DocumentMut| set(t, "picture", "transfer", Some(Value::from(json)));
+        let alone = self.scene().is_some_and(|scene| {
+            let picture = &scene.picture;
+            let inside = !matches!(picture.mode.as_deref(), Some("surface" | "skin"));
+            inside && picture.region.is_empty() && picture.hide.is_empty()
+        });
+        if !alone {
+            return self.edit_looks("transfer", change);
+        }
         let result = TransferFunction::from_json(json).and_then(|transfer| {
             let (Some(document), Some(show)) = (&mut self.document, &mut self.show) else {
                 return Ok(());
             };
-            document.edit("transfer", |t| {
-                set(t, "picture", "transfer", Some(Value::from(json)));
-            })?;
+            document.edit("transfer", change)?;
             show.stage_mut().set_transfer(&transfer)
         });
         self.tell_error(result);
