@@ -309,3 +309,66 @@ fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<F
         .measure(&filling.nodes, &filling.tets, &filling.regions);
     Ok(filling)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use std::ops::ControlFlow;
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// A ball in a ball.
+    struct Balls;
+
+    impl Domain for Balls {
+        fn bounds(&self) -> (DVec3, DVec3) {
+            (DVec3::NEG_ONE, DVec3::ONE)
+        }
+
+        fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+            weights.clear();
+            weights.push((1, 1.0 - p.length()));
+            weights.push((2, 1.2 * (0.6 - p.length())));
+        }
+    }
+
+    #[test]
+    fn it_ends_wherever_it_is_told_to() {
+        let options = MeshOptions {
+            spacing: Spacing::Tets(3000),
+            min_island: 1e-9,
+            ..MeshOptions::default()
+        };
+        let (calls, parts) = (AtomicUsize::new(0), Mutex::new(BTreeSet::new()));
+        let whole = fill(&Balls, &options, &|what, _| {
+            calls.fetch_add(1, Ordering::Relaxed);
+            parts.lock().unwrap().insert(what.to_owned());
+            ControlFlow::Continue(())
+        });
+        assert!(whole.unwrap().tets.len() > 1000);
+        let (all, parts) = (calls.into_inner(), parts.into_inner().unwrap());
+        assert!(parts.len() >= 7 && all > 50, "{all} {parts:?}");
+        for last in (0..all).step_by(all / 40 + 1) {
+            let told = AtomicUsize::new(0);
+            let ended = fill(&Balls, &options, &|_, _| {
+                // Said once: it is not to be said again.
+                match told.fetch_add(1, Ordering::Relaxed) == last {
+                    true => ControlFlow::Break(()),
+                    false => ControlFlow::Continue(()),
+                }
+            });
+            assert!(
+                matches!(ended, Err(Error::Cancelled)),
+                "call {last} of {all}"
+            );
+            let more = told.into_inner() - last;
+            // Other threads were about to ask.
+            assert!(
+                more <= 1 + rayon::current_num_threads(),
+                "{more} calls after it"
+            );
+        }
+    }
+}

@@ -133,3 +133,44 @@ fn apply(text: &mut DocumentMut, tuned: &Tuned) {
         set(text, change.table, key, value);
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use palpate::gpu::Gpu;
+    use palpate::scene::Scene;
+
+    #[test]
+    fn what_was_found_becomes_the_scene() {
+        let text = "# A bar.\n[mesh]\ngenerate = \"bar\"\n[material]\nstiffness = 3e4\n[solver]\nname = \"implicit\"\n\
+            dt = 0.01\niterations = 40\n[cage]\nnodes = 60\n[[pin]]\naxis = \"x\"\nbelow = 0.0\n[picture]\nsize = [64, 48]\n";
+        let scene = Scene::parse(text).unwrap();
+        let wanted = Wanted {
+            error: 0.2,
+            fps: None,
+            seconds: 0.1,
+        };
+        let gpu = Gpu::new().unwrap();
+        let tuned = tune(&gpu, &scene, &wanted, &palpate::untold).unwrap();
+        let mut document: DocumentMut = text.parse().unwrap();
+        apply(&mut document, &tuned);
+        let applied = Scene::parse(&document.to_string()).unwrap();
+        let (own, found) = (&applied.solver, &tuned.scene.solver);
+        assert_eq!(
+            (&own.name, own.dt, own.tolerance),
+            (&found.name, found.dt, found.tolerance)
+        );
+        assert_eq!(
+            applied.cage.map(|c| c.nodes),
+            tuned.scene.cage.map(|c| c.nodes)
+        );
+        assert_eq!(applied.picture.accuracy, tuned.scene.picture.accuracy);
+        assert!(document.to_string().starts_with("# A bar.\n"));
+        assert!(!document.to_string().contains("iterations"));
+        let stopped = tune(&gpu, &scene, &wanted, &|_, _| {
+            std::ops::ControlFlow::Break(())
+        });
+        assert!(matches!(stopped, Err(palpate::Error::Cancelled)));
+    }
+}
