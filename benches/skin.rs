@@ -188,7 +188,7 @@ fn main() -> palpate::Result<()> {
         above: vec![threshold.parse::<Window>()?],
         ..Recipe::default()
     };
-    let surface = recipe.surface(0, &|_, _| {})?;
+    let surface = recipe.surface(0, &palpate::untold)?;
     let nodes = more.first().and_then(|n| n.parse().ok()).unwrap_or(42_745);
     let mut body = recipe.describe(|found| {
         let shape = GridShape::carve_about(found.domain, nodes, DMat3::IDENTITY)?;

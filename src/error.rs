@@ -51,6 +51,10 @@ pub enum Error {
     )]
     DeviceLost(String),
 
+    /// Whoever was told how far long work is had it end.
+    #[error("cancelled")]
+    Cancelled,
+
     /// A simulation failed and was frozen in its last good state.
     #[error("{solver} failed at step {step} (t = {time:.6} s): {what}; {advice}")]
     Solver {

@@ -18,6 +18,7 @@ pub mod mesher;
 pub(crate) mod parallel;
 pub mod physics;
 pub mod press;
+mod progress;
 pub mod render;
 pub mod scene;
 pub mod skin;
@@ -30,5 +31,6 @@ pub mod warp;
 pub use error::{Error, FailureCause, Result};
 /// The version of glam that this library's vectors and matrices are of.
 pub use glam;
+pub use progress::{Progress, untold};
 /// The version of wgpu that this library's devices, textures and encoders are of.
 pub use wgpu;

@@ -17,7 +17,7 @@ use palpate::tune::Wanted;
 use palpate::warp::{Warp, WarpOptions};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -35,9 +35,6 @@ pub struct Long {
     /// Why it is to end: Ctrl-C, or what `progress` raised.
     ended: Mutex<Option<PyErr>>,
 }
-
-/// What unwinds work that is to end.
-struct Ended;
 
 impl Long {
     pub fn new(progress: Option<Py<PyAny>>) -> Long {
@@ -83,19 +80,16 @@ impl Long {
     pub fn run<T: Send>(
         &self,
         py: Python<'_>,
-        work: impl FnOnce(&(dyn Fn(&str, f64) + Sync)) -> palpate::Result<T> + Send,
+        work: impl FnOnce(palpate::Progress) -> palpate::Result<T> + Send,
     ) -> PyResult<T> {
-        let tell = |what: &str, done: f64| {
-            if !self.goes_on(what, done) {
-                // The library's stages return nothing by which they could be told to end.
-                resume_unwind(Box::new(Ended));
-            }
+        let tell = |what: &str, done: f64| match self.goes_on(what, done) {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
         };
-        let done = py.detach(|| catch_unwind(AssertUnwindSafe(|| work(&tell))));
-        match (done, self.ended()) {
-            (_, Some(why)) => Err(why),
-            (Ok(result), None) => result.or_raise(py),
-            (Err(panic), None) => resume_unwind(panic),
+        let done = py.detach(|| work(&tell));
+        match self.ended() {
+            Some(why) => Err(why),
+            None => done.or_raise(py),
         }
     }
 }

@@ -3,6 +3,7 @@
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::scene::Stage;
 use std::io::{IsTerminal, Write};
+use std::ops::ControlFlow;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -67,7 +68,7 @@ pub fn over<T>(what: &'static str, total: u64, work: impl FnOnce(&Progress) -> T
 }
 
 /// Shows what is being done, by name and fraction, while `work` is.
-pub fn stages<T>(work: impl FnOnce(&(dyn Fn(&str, f64) + Sync)) -> T) -> T {
+pub fn stages<T>(work: impl FnOnce(palpate::Progress) -> T) -> T {
     let bar = ProgressBar::new(WHOLE);
     if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} [{elapsed}]") {
         bar.set_style(style);
@@ -80,6 +81,7 @@ pub fn stages<T>(work: impl FnOnce(&(dyn Fn(&str, f64) + Sync)) -> T) -> T {
             state.what = what.to_owned();
             state.share = Some(done);
         });
+        ControlFlow::Continue(())
     });
     progress.bar.finish_and_clear();
     result

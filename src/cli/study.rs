@@ -48,7 +48,10 @@ pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
                     gpu,
                     dir: out,
                     quick: arguments.quick,
-                    progress,
+                    // It ends by `stop`.
+                    progress: &|what, share| {
+                        let _ = progress(what, share);
+                    },
                     note: &|text| super::tell(&[text.to_owned()]),
                     stop: &stop,
                 },

@@ -101,7 +101,10 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
         background: arguments.background,
     };
     let report = progress::stages(|told| {
-        let mut planes = |done: usize, all: usize| told("warping", done as f64 / all as f64);
+        // Nobody ends it on the command line.
+        let mut planes = |done: usize, all: usize| {
+            let _ = told("warping", done as f64 / all as f64);
+        };
         warp.write(&scan, &grid, &options, &files, &mut planes)
     })?;
     tell(&said(&report, rest.tets.len()));

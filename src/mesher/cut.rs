@@ -3,8 +3,10 @@
 
 use super::domain::{Sampler, Weighed};
 use super::lattice::LatticeMesh;
+use crate::Result;
 use crate::mesh::TET_EDGES;
 use crate::parallel;
+use crate::progress::Part;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
@@ -45,21 +47,30 @@ pub(super) struct Sampled {
 }
 
 impl Sampled {
-    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh) -> Sampled {
+    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, part: &Part) -> Result<Sampled> {
         let sampled = parallel::collect(lattice.positions.len(), |range, sampled| {
+            if !part.goes_on() {
+                return;
+            }
             let mut sampler = Sampler::new(domain);
             sampled.extend(range.map(|p| match lattice.known[p] {
                 Some(region) => (region, Box::default()),
                 None => sampler.region_and_weights(lattice.positions[p]),
             }));
         });
+        part.check()?;
         let (region, weights) = sampled.into_iter().unzip();
-        Sampled { region, weights }
+        Ok(Sampled { region, weights })
     }
 }
 
 impl CutLattice {
-    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, points: Sampled) -> CutLattice {
+    pub(super) fn new(
+        domain: Weighed,
+        lattice: &LatticeMesh,
+        points: Sampled,
+        part: &Part,
+    ) -> Result<CutLattice> {
         let Sampled { region, weights } = points;
         let mut edges = parallel::collect(lattice.tets.len(), |range, edges| {
             for tet in &lattice.tets[range] {
@@ -73,6 +84,9 @@ impl CutLattice {
         edges.par_sort_unstable();
         edges.dedup();
         let cuts = parallel::collect(edges.len(), |range, cuts| {
+            if !part.goes_on() {
+                return;
+            }
             let mut sampler = Sampler::new(domain);
             for edge in &edges[range] {
                 let points = edge.map(|p| lattice.positions[p as usize]);
@@ -85,6 +99,7 @@ impl CutLattice {
                 cuts.push(crossing(&mut sampler, points, [a, b], ends));
             }
         });
+        part.check()?;
         let mut whole = CutLattice {
             sides: vec![[0; 2]; region.len()],
             region,
@@ -104,7 +119,7 @@ impl CutLattice {
                 whole.cuts.push(a.lerp(b, *t));
             }
         }
-        whole
+        Ok(whole)
     }
 
     /// Moves every point that has a cut close by to the nearest one.

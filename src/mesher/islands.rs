@@ -1,8 +1,10 @@
 //! Islands: small pieces of a region that hang together across faces.
 
 use super::stencil::Piece;
+use crate::Result;
 use crate::mesh::{FACES, Groups, signed_volume};
 use crate::parallel;
+use crate::progress::Part;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 use std::collections::BTreeMap;
@@ -20,13 +22,20 @@ pub struct IslandReport {
 
 /// Gives every piece of a region that is smaller than `least` to the neighbour with which it
 /// shares the largest area, the smallest piece first. What is given to the outside is dropped.
-pub(super) fn dissolve(nodes: &[DVec3], pieces: &mut [Piece], least: f64) -> Vec<IslandReport> {
+pub(super) fn dissolve(
+    nodes: &[DVec3],
+    pieces: &mut [Piece],
+    least: f64,
+    part: &Part,
+) -> Result<Vec<IslandReport>> {
     let mut reports: BTreeMap<u16, IslandReport> = BTreeMap::new();
     if least > 0.0 {
         // Islands that joined others may be small still.
-        while dissolve_once(nodes, pieces, least, &mut reports) {}
+        while dissolve_once(nodes, pieces, least, &mut reports) {
+            part.check()?;
+        }
     }
-    reports.into_values().collect()
+    Ok(reports.into_values().collect())
 }
 
 /// One round of it, over the islands there are now; false when there are none.

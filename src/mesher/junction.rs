@@ -5,8 +5,10 @@ use super::cut::{CutLattice, ON_BOUNDARY};
 use super::domain::{Sampler, Weighed};
 use super::lattice::LatticeMesh;
 use super::stencil::Corners;
+use crate::Result;
 use crate::mesh::FACES;
 use crate::parallel;
+use crate::progress::Part;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
@@ -34,7 +36,12 @@ pub(super) fn face_key(mut face: [u32; 3]) -> [u32; 3] {
 }
 
 impl Junctions {
-    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, cut: &CutLattice) -> Junctions {
+    pub(super) fn new(
+        domain: Weighed,
+        lattice: &LatticeMesh,
+        cut: &CutLattice,
+        part: &Part,
+    ) -> Result<Junctions> {
         let region = |p: u32| cut.region[p as usize];
         let tets = parallel::collect(lattice.tets.len(), |range, tets| {
             let has_middle = |t: &usize| {
@@ -57,8 +64,12 @@ impl Junctions {
         });
         faces.par_sort_unstable();
         faces.dedup();
+        part.check()?;
         let mut whole = Junctions {
             points: parallel::collect(faces.len(), |range, points| {
+                if !part.goes_on() {
+                    return;
+                }
                 let mut sampler = Sampler::new(domain);
                 points.extend(faces[range].iter().map(|face| {
                     let corners = face.map(|p| cut.positions[p as usize]);
@@ -69,11 +80,12 @@ impl Junctions {
             tets,
             first: cut.positions.len() + cut.cuts.len(),
         };
+        part.check()?;
         let inside = parallel::map(whole.tets.len(), |n| {
             whole.inside(lattice, cut, lattice.tets[whole.tets[n] as usize])
         });
         whole.points.extend(inside);
-        whole
+        Ok(whole)
     }
 
     /// Faces with a point, tets with a point.

@@ -55,7 +55,8 @@ pub use threshold_domain::ThresholdDomain;
 pub use window::Window;
 
 use crate::parallel;
-use crate::{Error, Result};
+use crate::progress::Part;
+use crate::{Error, Progress, Result};
 use cut::{CutLattice, Sampled};
 use domain::{Sampler, Weighed};
 use glam::DVec3;
@@ -67,9 +68,6 @@ use stencil::{Piece, Stencils};
 
 /// Tries at the true volumes of regions, each of which leaves a fraction of what is amiss.
 const VOLUME_ROUNDS: usize = 3;
-
-/// Told what is being done and the fraction of it that is done, now and then.
-pub type Progress<'a> = &'a (dyn Fn(&str, f64) + Sync);
 
 /// How large the tets are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,7 +123,7 @@ pub struct Filling {
 /// is told what is being done.
 ///
 /// # Errors
-/// A domain without an inside, options that make no sense, an edge so small that 32 bits cannot
+/// [`Error::Cancelled`]; a domain without an inside, options that make no sense, an edge so small that 32 bits cannot
 /// count the tets, or so large that nothing of the body is left.
 pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> Result<Filling> {
     check(options)?;
@@ -157,25 +155,26 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
             break;
         }
         let added = &added[..];
-        (nodes, pieces) = divide(Weighed { domain, added }, &lattice, progress, &mut report);
+        (nodes, pieces) = divide(Weighed { domain, added }, &lattice, progress, &mut report)?;
     }
     drop(lattice);
     report.stage("volumes");
-    progress("cleaning", 0.7);
-    report.islands = islands::dissolve(&nodes, &mut pieces, options.min_island);
+    let part = Part::begin(progress, "cleaning", 0.7)?;
+    report.islands = islands::dissolve(&nodes, &mut pieces, options.min_island, &part)?;
     let own = nodes.len();
-    report.pinches = pinches::resolve(&mut nodes, &mut pieces);
+    report.pinches = pinches::resolve(&mut nodes, &mut pieces, &part)?;
     report.stage("cleaning");
-    progress("shapes", 0.8);
+    let part = Part::begin(progress, "shapes", 0.8)?;
     let weighed = Weighed {
         domain,
         added: &added,
     };
-    report.optimiser = optimise::improve(weighed, report.edge, own, &mut nodes, &mut pieces);
+    report.optimiser =
+        optimise::improve(weighed, report.edge, own, (&mut nodes, &mut pieces), &part)?;
     report.stage("shapes");
-    progress("quality", 0.9);
+    Part::begin(progress, "quality", 0.9)?;
     let filling = finish(nodes, pieces, report)?;
-    progress("done", 1.0);
+    Part::begin(progress, "done", 1.0)?;
     Ok(filling)
 }
 
@@ -198,14 +197,14 @@ impl Laid {
 fn lay(domain: &dyn Domain, options: &MeshOptions, edge: f64, progress: Progress) -> Result<Laid> {
     let mut report = MeshReport::start(edge);
     let levels = options.grading.log2().floor() as u32;
-    progress("octree", 0.0);
-    let tree = Octree::new(domain, edge, levels, options.offset)?;
+    let part = Part::begin(progress, "octree", 0.0)?;
+    let tree = Octree::new(domain, edge, levels, options.offset, &part)?;
     report.stage("octree");
-    progress("lattice", 0.1);
-    let lattice = LatticeMesh::new(&tree)?;
+    let part = Part::begin(progress, "lattice", 0.1)?;
+    let lattice = LatticeMesh::new(&tree, &part)?;
     report.stage("lattice");
     let plain = Weighed { domain, added: &[] };
-    let (nodes, pieces) = divide(plain, &lattice, progress, &mut report);
+    let (nodes, pieces) = divide(plain, &lattice, progress, &mut report)?;
     report.stage("tets");
     Ok(Laid {
         lattice,
@@ -221,12 +220,12 @@ fn divide(
     lattice: &LatticeMesh,
     progress: Progress,
     report: &mut MeshReport,
-) -> (Vec<DVec3>, Vec<Piece>) {
-    progress("boundaries", 0.2);
-    let sampled = Sampled::new(domain, lattice);
-    let cut = CutLattice::new(domain, lattice, sampled);
-    let junctions = Junctions::new(domain, lattice, &cut);
-    progress("tets", 0.5);
+) -> Result<(Vec<DVec3>, Vec<Piece>)> {
+    let part = Part::begin(progress, "boundaries", 0.2)?;
+    let sampled = Sampled::new(domain, lattice, &part)?;
+    let cut = CutLattice::new(domain, lattice, sampled, &part)?;
+    let junctions = Junctions::new(domain, lattice, &cut, &part)?;
+    let part = Part::begin(progress, "tets", 0.5)?;
     report.snapped_nodes = cut.snapped;
     [report.triple_points, report.quadruple_points] = junctions.counts();
     let nodes: Vec<DVec3> = [&cut.positions[..], &cut.cuts, &junctions.points].concat();
@@ -237,12 +236,16 @@ fn divide(
         nodes: &nodes,
     };
     let pieces = parallel::collect(lattice.tets.len(), |range, pieces| {
+        if !part.goes_on() {
+            return;
+        }
         let mut sampler = Sampler::new(domain);
         for t in range {
             stencils.divide(t as u32, &mut sampler, pieces);
         }
     });
-    (nodes, pieces)
+    part.check()?;
+    Ok((nodes, pieces))
 }
 
 fn check(options: &MeshOptions) -> Result<()> {
@@ -305,4 +308,67 @@ fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<F
         .report
         .measure(&filling.nodes, &filling.tets, &filling.regions);
     Ok(filling)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use std::ops::ControlFlow;
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// A ball in a ball.
+    struct Balls;
+
+    impl Domain for Balls {
+        fn bounds(&self) -> (DVec3, DVec3) {
+            (DVec3::NEG_ONE, DVec3::ONE)
+        }
+
+        fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
+            weights.clear();
+            weights.push((1, 1.0 - p.length()));
+            weights.push((2, 1.2 * (0.6 - p.length())));
+        }
+    }
+
+    #[test]
+    fn it_ends_wherever_it_is_told_to() {
+        let options = MeshOptions {
+            spacing: Spacing::Tets(3000),
+            min_island: 1e-9,
+            ..MeshOptions::default()
+        };
+        let (calls, parts) = (AtomicUsize::new(0), Mutex::new(BTreeSet::new()));
+        let whole = fill(&Balls, &options, &|what, _| {
+            calls.fetch_add(1, Ordering::Relaxed);
+            parts.lock().unwrap().insert(what.to_owned());
+            ControlFlow::Continue(())
+        });
+        assert!(whole.unwrap().tets.len() > 1000);
+        let (all, parts) = (calls.into_inner(), parts.into_inner().unwrap());
+        assert!(parts.len() >= 7 && all > 50, "{all} {parts:?}");
+        for last in (0..all).step_by(all / 40 + 1) {
+            let told = AtomicUsize::new(0);
+            let ended = fill(&Balls, &options, &|_, _| {
+                // Said once: it is not to be said again.
+                match told.fetch_add(1, Ordering::Relaxed) == last {
+                    true => ControlFlow::Break(()),
+                    false => ControlFlow::Continue(()),
+                }
+            });
+            assert!(
+                matches!(ended, Err(Error::Cancelled)),
+                "call {last} of {all}"
+            );
+            let more = told.into_inner() - last;
+            // Other threads were about to ask.
+            assert!(
+                more <= 1 + rayon::current_num_threads(),
+                "{more} calls after it"
+            );
+        }
+    }
 }

@@ -4,6 +4,7 @@
 use super::Domain;
 use super::keys::KeyMap;
 use crate::parallel;
+use crate::progress::Part;
 use crate::{Error, Result};
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
@@ -60,6 +61,7 @@ impl Octree {
         edge: f64,
         levels: u32,
         offset: DVec3,
+        part: &Part,
     ) -> Result<Octree> {
         let (low, high) = domain.bounds();
         let extent = high - low;
@@ -101,9 +103,12 @@ impl Octree {
                 region: None,
             };
             let mut leaves = Vec::new();
-            tree.divide(domain, root, levels, &made, &mut leaves);
+            if part.goes_on() {
+                tree.divide(domain, root, levels, &made, &mut leaves);
+            }
             leaves
         });
+        part.check()?;
         if made.into_inner() > MAX_LEAVES {
             return Err(Error::Input(format!(
                 "an edge of {edge} makes more than {} million tets; give a larger one",
@@ -114,6 +119,7 @@ impl Octree {
             tree.leaves.push(leaf);
         }
         tree.balance(levels);
+        part.check()?;
         tree.leaves.par_sort_unstable_by_key(|l| morton(l.corner));
         for (i, leaf) in tree.leaves.iter().enumerate() {
             tree.index[leaf.level as usize].insert(key(leaf.corner), i as u32);

@@ -8,13 +8,18 @@
 use super::fans::Fans;
 use super::stars::Stars;
 use super::stencil::Piece;
+use crate::Result;
 use crate::mesh::signed_volume;
 use crate::parallel;
+use crate::progress::Part;
 use glam::DVec3;
 use std::collections::VecDeque;
 
 /// A pinch of the body's own boundary counts as so many between regions.
 const OUTER: usize = 100;
+
+/// Pinches between two looks at whether to go on.
+const LOOK: usize = 256;
 
 /// What was done about pinches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -31,13 +36,22 @@ pub struct PinchReport {
 
 /// Resolves pinches: see the module. `pieces` must hold the tets outside along the boundary;
 /// afterwards it holds those inside only.
-pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchReport {
+pub(super) fn resolve(
+    nodes: &mut Vec<DVec3>,
+    pieces: &mut Vec<Piece>,
+    watch: &Part,
+) -> Result<PinchReport> {
     let mut report = PinchReport::default();
     let stars = Stars::new(nodes.len(), pieces);
     let pinched = filtered(nodes.len(), |v| cost(v, &stars, pieces) > 0);
     report.found = pinched.len();
     let mut waiting: VecDeque<u32> = pinched.into();
+    let mut looked = 0;
     while let Some(v) = waiting.pop_front() {
+        looked += 1;
+        if looked % LOOK == 0 {
+            watch.check()?;
+        }
         if let Some((tets, region)) = best_change(v, nodes, &stars, pieces) {
             report.relabelled += tets.len();
             for t in &tets {
@@ -56,8 +70,8 @@ pub(super) fn resolve(nodes: &mut Vec<DVec3>, pieces: &mut Vec<Piece>) -> PinchR
         tet.iter().for_each(|v| suspects[*v as usize] = true);
     }
     pieces.retain(|p| p.1 != 0);
-    part(nodes, pieces, suspects, &mut report);
-    report
+    part(nodes, pieces, suspects, &mut report, watch)?;
+    Ok(report)
 }
 
 /// Those of 0..n of which `is_so` holds, ascending.
@@ -159,8 +173,10 @@ fn part(
     pieces: &mut Vec<Piece>,
     mut suspects: Vec<bool>,
     report: &mut PinchReport,
-) {
+    watch: &Part,
+) -> Result<()> {
     loop {
+        watch.check()?;
         let stars = Stars::new(nodes.len(), pieces);
         let pinched = filtered(nodes.len(), |v| {
             if !suspects.get(v as usize).copied().unwrap_or(true) {
@@ -170,7 +186,7 @@ fn part(
             !fans.has_simple_rim() || fans.split(|r| r != 0).1 > 1
         });
         if pinched.is_empty() {
-            return;
+            return Ok(());
         }
         let mut gone = vec![false; pieces.len()];
         let mut changes: Vec<(u32, u32, u32)> = Vec::new();

@@ -2,12 +2,12 @@
 
 use super::described::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
 use super::{
-    Domain, Filling, Length, MeshOptions, MeshReport, Progress, Spacing, SurfaceDomain, Window,
-    fill, tetgen,
+    Domain, Filling, Length, MeshOptions, MeshReport, Spacing, SurfaceDomain, Window, fill, tetgen,
 };
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
-use crate::{Error, Result};
+use crate::progress::Part;
+use crate::{Error, Progress, Result, untold};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use web_time::Instant;
@@ -110,14 +110,14 @@ pub fn tets_in(path: impl AsRef<Path>, tets: usize) -> Result<TetMesh> {
         size: Some(Size::Tets(tets)),
         ..Recipe::default()
     };
-    Ok(recipe.mesh(&|_, _| {})?.mesh)
+    Ok(recipe.mesh(&untold)?.mesh)
 }
 
 impl Recipe {
     /// Makes the mesh, telling `progress` what is being done.
     ///
     /// # Errors
-    /// What reading gives; [`Error::Input`] for a recipe that does not fit its input; otherwise as
+    /// [`Error::Cancelled`]; what reading gives; [`Error::Input`] for a recipe that does not fit its input; otherwise as
     /// [`fill`].
     pub fn mesh(&self, progress: Progress) -> Result<Made> {
         let started = Instant::now();
@@ -126,7 +126,7 @@ impl Recipe {
                 "there is nothing to mesh; name a volume or a surface".into(),
             ));
         };
-        progress("reading", 0.0);
+        Part::begin(progress, "reading", 0.0)?;
         let mut made = match io::kind(first)? {
             Kind::Volume => self.mesh_volume(first, progress)?,
             Kind::Surface => self.mesh_surfaces(progress)?,
@@ -138,7 +138,7 @@ impl Recipe {
             }
         };
         for (name, file) in &self.intensities {
-            progress("intensities", 0.95);
+            Part::begin(progress, "intensities", 0.95)?;
             let field = io::read_volume(file)?.onto_nodes(&made.mesh, name);
             made.mesh.set_field(field)?;
         }
@@ -161,7 +161,7 @@ impl Recipe {
                 self.input.len()
             )));
         };
-        progress("reading", 0.0);
+        Part::begin(progress, "reading", 0.0)?;
         let windows = self.windows();
         let kind = io::kind(file)?;
         if kind != Kind::Volume && !windows.is_empty() {
@@ -181,7 +181,7 @@ impl Recipe {
             }
             Kind::Volume => {
                 let volume = io::read_volume(file)?;
-                progress("surface", 0.3);
+                Part::begin(progress, "surface", 0.3)?;
                 match (windows.as_slice(), &self.labels) {
                     ([window], None) => volume.isosurface(window.low, window.high)?,
                     ([], Some(Labels::These(labels))) => volume.label_surface(labels)?,
@@ -199,7 +199,7 @@ impl Recipe {
                 }
             }
         };
-        progress("smoothing", 0.7);
+        Part::begin(progress, "smoothing", 0.7)?;
         Ok(match rounds {
             0 => surface,
             rounds => surface.smoothed(rounds),
@@ -226,7 +226,7 @@ impl Recipe {
         self.of_volume(file, |domain, regions, volume, by_value| {
             let mut made = self.fill(domain, regions, Some(MILLIMETRE), progress)?;
             if by_value {
-                progress("intensities", 0.9);
+                Part::begin(progress, "intensities", 0.9)?;
                 let field = volume.onto_nodes(&made.mesh, INTENSITY);
                 made.mesh.set_field(field)?;
             }

@@ -5,17 +5,19 @@
 //! program of its own and nothing of it is linked.
 
 use super::{
-    ClosedSurface, Domain, Filling, MeshReport, Progress, Spacing, SurfaceDomain, find_spacing,
-    finish,
+    ClosedSurface, Domain, Filling, MeshReport, Spacing, SurfaceDomain, find_spacing, finish,
 };
 use crate::mesh::{Location, TetMesh, TriMesh};
-use crate::{Error, Result};
+use crate::progress::Part;
+use crate::{Error, Progress, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 use std::ffi::OsStr;
+use std::fs::File;
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 /// The program's name.
 const PROGRAM: &str = "tetgen";
@@ -29,6 +31,9 @@ const LARGEST: f64 = 1.2;
 
 /// How far the number of tets may be from what was asked for.
 const TOLERANCE: f64 = 0.15;
+
+/// Time between two looks at whether the program has ended, or is to.
+const LOOK: Duration = Duration::from_millis(20);
 
 /// Characters of the program's last words that go into an error.
 const LAST_WORDS: usize = 400;
@@ -76,7 +81,7 @@ fn run(
         Spacing::Edge(edge) => job.fill(Some(edge))?,
         Spacing::Tets(wanted) => job.about(wanted)?,
     };
-    progress("done", 1.0);
+    Part::begin(progress, "done", 1.0)?;
     Ok(filling)
 }
 
@@ -99,7 +104,7 @@ fn write_complex(surfaces: &[TriMesh], file: &Path) -> std::io::Result<()> {
             }));
         }
     }
-    let mut file = std::io::BufWriter::new(std::fs::File::create(file)?);
+    let mut file = std::io::BufWriter::new(File::create(file)?);
     writeln!(file, "{} 3 0 0", places.len())?;
     for (n, p) in places.iter().enumerate() {
         writeln!(file, "{n} {:e} {:e} {:e}", p.x, p.y, p.z)?;
@@ -125,7 +130,7 @@ impl Job<'_> {
     /// The tets with edges of about that length, or the fewest there are.
     fn fill(&self, edge: Option<f64>) -> Result<Filling> {
         let mut report = MeshReport::start(edge.unwrap_or(0.0));
-        (self.progress)("TetGen", 0.1);
+        let part = Part::begin(self.progress, "TetGen", 0.1)?;
         let mut switches = format!("-p{QUALITY}AF");
         if let Some(edge) = edge {
             let volume = LARGEST * edge.powi(3) / (6.0 * 2f64.sqrt());
@@ -136,11 +141,7 @@ impl Job<'_> {
         if elements.exists() {
             std::fs::remove_file(&elements).map_err(Error::io(&elements))?;
         }
-        let output = Command::new(self.program)
-            .args([&switches, "surface.smesh"])
-            .current_dir(self.folder)
-            .output()
-            .map_err(|e| not_started(self.program, &e))?;
+        let output = self.output(&switches, &part)?;
         if !output.status.success() || !elements.exists() {
             return Err(self.refused(&output));
         }
@@ -150,6 +151,43 @@ impl Job<'_> {
         }
         report.stage("TetGen");
         sorted(mesh, self.regions, report)
+    }
+
+    /// What a run says once it has ended; one that is not to go on is ended.
+    fn output(&self, switches: &str, part: &Part) -> Result<Output> {
+        // Files take whatever it says, and nobody has to read along.
+        let said = |name: &str| {
+            let file = self.folder.join(name);
+            let made = File::create(&file).map_err(Error::io(&file))?;
+            Ok((file, made))
+        };
+        let ((out, stdout), (err, stderr)) = (said("stdout")?, said("stderr")?);
+        let mut run = Command::new(self.program)
+            .args([switches, "surface.smesh"])
+            .current_dir(self.folder)
+            .stdin(Stdio::null())
+            .stdout(stdout)
+            .stderr(stderr)
+            .spawn()
+            .map_err(|e| not_started(self.program, &e))?;
+        let status = loop {
+            if let Some(status) = run.try_wait().map_err(Error::io(self.folder))? {
+                break status;
+            }
+            if let Err(why) = part.check() {
+                // It may have ended just now.
+                let _ = run.kill();
+                let _ = run.wait();
+                return Err(why);
+            }
+            std::thread::sleep(LOOK);
+        };
+        let read = |file: &Path| std::fs::read(file).map_err(Error::io(file));
+        Ok(Output {
+            status,
+            stdout: read(&out)?,
+            stderr: read(&err)?,
+        })
     }
 
     /// What to say of a run that failed.
@@ -269,7 +307,7 @@ mod tests {
             ..TriMesh::default()
         };
         let name = OsStr::new("no-such-tetgen");
-        let result = run(name, &[surface], Spacing::Edge(1.0), &|_, _| ());
+        let result = run(name, &[surface], Spacing::Edge(1.0), &crate::untold);
         let said = result.map(|_| ()).map_err(|e| e.to_string());
         let expected = [
             "no-such-tetgen is not installed",

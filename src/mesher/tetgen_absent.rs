@@ -1,8 +1,8 @@
 //! In a browser there are no other programs to run.
 
-use super::{Filling, Progress, Spacing};
+use super::{Filling, Spacing};
 use crate::mesh::TriMesh;
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 
 /// Says that TetGen cannot be run here.
 ///

@@ -133,14 +133,16 @@ impl Stage {
         }
         if hit && !self.skins.is_empty() {
             let carrier = carrier(&self.gpu, &mut self.drive)?;
-            self.skins.truncate(self.scene.skin.len());
+            let shown = self.scene.skin.iter().filter(|skin| !skin.hidden);
+            self.skins.truncate(shown.count());
             let mut walls = Vec::new();
             for skin in &mut self.skins {
                 walls = skin.follow_cut(&carrier, blade)?.walls;
             }
             if self.mode == DisplayMode::Skin && !walls.is_empty() {
                 let mut walls = Skin::bare(&self.gpu, &carrier, Some(&walls))?;
-                let colour = self.scene.skin[0].wall.unwrap_or(WALL);
+                let colour = self.scene.skin.iter().find_map(|skin| skin.wall);
+                let colour = colour.unwrap_or(WALL);
                 walls.set_colour(&SkinColour::Plain(colour))?;
                 walls.set_inside(self.raycaster.inside())?;
                 self.skins.push(walls);

@@ -78,7 +78,7 @@ impl Looks {
         let mut skins = Vec::new();
         if !(scene.skin.is_empty() && scene.carried.is_empty()) {
             let carrier = carrier(gpu, drive)?;
-            for entry in &scene.skin {
+            for entry in scene.skin.iter().filter(|skin| !skin.hidden) {
                 let (mut skin, said) = entry.put_on(gpu, &carrier)?;
                 skin.set_inside(raycaster.inside())?;
                 skins.push(skin);

@@ -236,8 +236,9 @@ impl Scene {
             Some("mean") => Ok(DisplayMode::Inside(Mode::Mean)),
             Some("xray") => Ok(DisplayMode::Inside(Mode::Xray)),
             Some("surface") => Ok(DisplayMode::Surface),
-            Some("skin") if self.skin.is_empty() => Err(Error::Input(
-                "mode \"skin\" shows the skins of a scene, and this one has no [[skin]]".into(),
+            Some("skin") if self.skin.iter().all(|skin| skin.hidden) => Err(Error::Input(
+                "mode \"skin\" shows the skins of a scene, and this one has no [[skin]] that is not hidden"
+                    .into(),
             )),
             Some("skin") => Ok(DisplayMode::Skin),
             Some(other) => Err(unknown("mode", &MODES, other)),

@@ -46,7 +46,10 @@ impl Scene {
         let sums_values = matches!(mode, Some("mip" | "minip" | "mean" | "xray"));
         let mut read = Vec::new();
         for entry in &self.scan {
-            let volume = io::read_volume(&entry.file)?;
+            let volume = match &entry.volume.0 {
+                Some(volume) => volume.clone(),
+                None => Arc::new(io::read_volume(&entry.file)?),
+            };
             let named = |e| Error::Input(format!("[scan] {}: {e}", entry.file.display()));
             let values = sums_values && read.is_empty();
             let labels = entry.has_labels(&volume, values).map_err(named)?;
@@ -94,7 +97,7 @@ impl Scene {
                 }
             };
             let scan = Scan {
-                volume: Arc::new(volume),
+                volume,
                 units_per_mm,
                 look,
             };

@@ -3,12 +3,28 @@
 use super::SkinEntry;
 use super::stage::Drive;
 use crate::gpu::Gpu;
+use crate::mesh::TriMesh;
 use crate::mesher::{Labels, Recipe};
 use crate::render::TransferFunction;
 use crate::skin::{Carrier, Map, Skin, SkinColour};
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
+use std::sync::Arc;
 
 impl SkinEntry {
+    /// Its surface, read from its file.
+    ///
+    /// # Errors
+    /// As [`Recipe::surface`].
+    pub fn read(&self, progress: Progress) -> Result<TriMesh> {
+        let recipe = Recipe {
+            input: vec![self.file.clone()],
+            above: self.above.clone(),
+            labels: self.labels.clone().map(Labels::These),
+            ..Recipe::default()
+        };
+        recipe.surface(self.smooth.unwrap_or(0), progress)
+    }
+
     /// The skin on `carrier`, and what a user should know of it, a sentence each.
     pub(super) fn put_on(&self, gpu: &Gpu, carrier: &Carrier) -> Result<(Skin, Vec<String>)> {
         if self.height.is_some() && self.height_map.is_none() {
@@ -16,13 +32,10 @@ impl SkinEntry {
                 "a skin has a `height` without a `height_map`".into(),
             ));
         }
-        let recipe = Recipe {
-            input: vec![self.file.clone()],
-            above: self.above.clone(),
-            labels: self.labels.clone().map(Labels::These),
-            ..Recipe::default()
+        let surface = match &self.surface.0 {
+            Some(surface) => surface.clone(),
+            None => Arc::new(self.read(&crate::untold)?),
         };
-        let surface = recipe.surface(self.smooth.unwrap_or(0), &|_, _| {})?;
         let mut skin = Skin::new(gpu, &surface, carrier, self.mapping.unwrap_or_default())?;
         match (&self.field, self.colour) {
             (Some(name), _) => {

@@ -5,10 +5,10 @@ use super::{JoinEntry, LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::generate::Lump;
 use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
-use crate::mesher::{Labels, Progress, Recipe, Size};
+use crate::mesher::{Labels, Recipe, Size};
 use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
-use crate::{Error, Result};
+use crate::{Error, Progress, Result, untold};
 use glam::{DQuat, DVec3};
 
 /// Names that readers give to reference numbers: labels, not quantities.
@@ -23,18 +23,19 @@ impl MeshSource {
     /// [`Error::Input`] when neither or both of a file and a generator are named, or the
     /// generator is not known; otherwise what reading gives.
     pub fn load(&self) -> Result<TetMesh> {
-        self.load_telling(&|_, _| {})
+        self.load_telling(&untold)
     }
 
     /// As [`MeshSource::load`], telling `progress` what is being done, and which part of it is done,
-    /// while a scan or a surface is meshed.
+    /// while a scan or a surface is meshed or a phantom made.
     ///
     /// # Errors
-    /// As [`MeshSource::load`].
+    /// [`Error::Cancelled`]; as [`MeshSource::load`].
     pub fn load_telling(&self, progress: Progress) -> Result<TetMesh> {
         let mut mesh = self.welded(progress)?;
         if !self.join.is_empty() {
-            let others = self.join.iter().enumerate().map(|(k, other)| other.load(k));
+            let others = self.join.iter().enumerate();
+            let others = others.map(|(k, other)| other.load(k, progress));
             let others: Vec<(String, TetMesh)> = others.collect::<Result<_>>()?;
             let first = ("first".to_owned(), &mesh);
             let rest = others.iter().map(|(name, mesh)| (name.clone(), mesh));
@@ -78,7 +79,7 @@ impl MeshSource {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
                     "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
                 ))),
-                tets => generate::with_lump(name, tets, lump),
+                tets => generate::telling(name, tets, lump, progress),
             },
             _ => Err(Error::Input(
                 "[mesh] needs either file = \"…\" or generate = \"…\"".into(),
@@ -89,7 +90,7 @@ impl MeshSource {
 
 impl JoinEntry {
     /// The mesh where it is to be, and its name; `number` counts from 0.
-    fn load(&self, number: usize) -> Result<(String, TetMesh)> {
+    fn load(&self, number: usize, progress: Progress) -> Result<(String, TetMesh)> {
         let source = MeshSource {
             file: self.file.clone(),
             generate: self.generate.clone(),
@@ -98,7 +99,7 @@ impl JoinEntry {
         };
         let name = self.name.clone();
         let name = name.unwrap_or_else(|| format!("mesh{}", number + 2));
-        let mut mesh = source.welded(&|_, _| {})?;
+        let mut mesh = source.welded(progress)?;
         let axis = DVec3::from(self.axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let turn = DQuat::from_axis_angle(axis, self.turn.unwrap_or(0.0).to_radians());
         let offset = DVec3::from(self.offset.unwrap_or_default());

@@ -81,6 +81,21 @@ pub(super) struct Posed {
     nodes: Nodes,
 }
 
+impl Posed {
+    /// Has its nodes be there, with these fields.
+    pub(super) fn show(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
+        let before = std::mem::take(&mut self.mesh.fields);
+        let taken = fields
+            .iter()
+            .try_for_each(|f| self.mesh.set_field(f.clone()));
+        let put = taken.and_then(|()| self.nodes.set_positions(nodes));
+        if put.is_err() {
+            self.mesh.fields = before;
+        }
+        put
+    }
+}
+
 impl Drive {
     /// `mesh`, which nothing moves but the caller.
     fn posed(gpu: &Gpu, mesh: TetMesh) -> Result<Drive> {

@@ -154,7 +154,7 @@ fn read(file: &Path) -> Result<TriMesh> {
         input: vec![file.to_path_buf()],
         ..Recipe::default()
     };
-    recipe.surface(0, &|_, _| {})
+    recipe.surface(0, &crate::untold)
 }
 
 impl Scene {

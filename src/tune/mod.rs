@@ -14,10 +14,11 @@ mod write;
 pub use motion::{Body, Cost, MotionPoint, Motions};
 pub use picture::{PicturePoint, Pictures};
 pub use search::{Found, Trial, cheapest};
+pub use write::{Change, Setting};
 
 use crate::gpu::Gpu;
 use crate::scene::Scene;
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 use std::path::Path;
 
 /// What a scene is tuned to.
@@ -54,15 +55,10 @@ pub struct Tuned {
 /// what is being done and the fraction of it that is done.
 ///
 /// # Errors
-/// [`Error::Input`] for a tolerance that makes no sense, a scene whose body is a grid or is cut,
+/// [`Error::Cancelled`]; [`Error::Input`] for a tolerance that makes no sense, a scene whose body is a grid or is cut,
 /// or one in which nothing moves as far as can be seen; otherwise as
 /// [`Stage::new`](crate::scene::Stage::new).
-pub fn tune(
-    gpu: &Gpu,
-    scene: &Scene,
-    wanted: &Wanted,
-    progress: &(dyn Fn(&str, f64) + Sync),
-) -> Result<Tuned> {
+pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &Wanted, progress: Progress) -> Result<Tuned> {
     let sound = |x: f64| x.is_finite() && x > 0.0;
     if !sound(wanted.error) || !sound(wanted.seconds) || !wanted.fps.is_none_or(sound) {
         return Err(Error::Input(format!(
@@ -140,6 +136,11 @@ pub fn tune(
 }
 
 impl Tuned {
+    /// What is to be changed in the file of the scene, in this order.
+    pub fn changes(&self) -> Vec<Change> {
+        write::changes(self)
+    }
+
     /// Writes the scene file `from` again as `to`, with what was chosen; files that it names are
     /// found from there.
     ///

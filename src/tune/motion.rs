@@ -5,8 +5,9 @@ use crate::cage::CageKind;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::SolverKind;
+use crate::progress::Part;
 use crate::scene::{CageEntry, Motion, Scene};
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -121,7 +122,9 @@ pub struct Motions<'a> {
     moved: f64,
     /// The motions made so far, by what is simulated and the solver.
     made: BTreeMap<(Body, &'static str), std::result::Result<Motion, String>>,
-    progress: &'a (dyn Fn(&str, f64) + Sync),
+    progress: Progress<'a>,
+    /// What is being done, and the part of it that is done.
+    told: (&'static str, f64),
 }
 
 impl<'a> Motions<'a> {
@@ -137,7 +140,7 @@ impl<'a> Motions<'a> {
         scene: &Scene,
         seconds: f64,
         cost: Cost,
-        progress: &'a (dyn Fn(&str, f64) + Sync),
+        progress: Progress<'a>,
     ) -> Result<Motions<'a>> {
         if scene.grid.is_some() || !scene.cut.is_empty() {
             return Err(Error::Input(
@@ -195,6 +198,7 @@ impl<'a> Motions<'a> {
             moved: 0.0,
             made: BTreeMap::new(),
             progress,
+            told: ("truth", 0.0),
         };
         let second_order = motions.add_second_order(&counts);
         motions.find_truth(finest, second_order)?;
@@ -233,7 +237,7 @@ impl<'a> Motions<'a> {
         };
         let mut paths = Vec::new();
         for (n, count) in [finest, 2 * finest].into_iter().enumerate() {
-            (self.progress)("truth", 0.1 + 0.3 * n as f64);
+            self.told = ("truth", 0.1 + 0.3 * n as f64);
             let point = MotionPoint {
                 body: Body::Own,
                 solver,
@@ -307,8 +311,11 @@ impl<'a> Motions<'a> {
     /// Runs a candidate from rest on, showing the nodes at each look until that says to stop.
     fn run(&mut self, point: &MotionPoint, look: &mut dyn FnMut(&[DVec3]) -> bool) -> Result<()> {
         let steps = (self.pace / point.dt).round() as u32;
+        let (what, share) = self.told;
+        let part = Part::begin(self.progress, what, share)?;
         let motion = self.motion(point)?.map_err(Error::Input)?;
         for _ in 0..LOOKS {
+            part.check()?;
             motion.run(steps, &mut |_| {})?;
             if !look(&motion.positions()?) {
                 break;

@@ -1,8 +1,9 @@
 //! The cheapest candidate within a tolerance.
 
-use crate::Result;
+use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::ControlFlow;
 
 /// Candidates that can be timed and held against truth.
 pub trait Trial {
@@ -50,17 +51,17 @@ pub struct Found<P> {
 /// of a cage may cancel.
 ///
 /// # Errors
-/// As [`Trial::cost`] and [`Trial::error`].
+/// As [`Trial::cost`] and [`Trial::error`]; [`Error::Cancelled`] once `progress` breaks.
 pub fn cheapest<T: Trial>(
     trial: &mut T,
     tolerance: f64,
-    progress: &dyn Fn(f64),
+    progress: &dyn Fn(f64) -> ControlFlow<()>,
 ) -> Result<Found<T::Point>> {
     let points = trial.points();
     let count = points.len();
     let mut costs = Vec::with_capacity(count);
     for (i, point) in points.iter().enumerate() {
-        progress(0.5 * i as f64 / count as f64);
+        told(progress, 0.5 * i as f64 / count as f64)?;
         costs.push(trial.cost(point)?);
     }
     let mut order: Vec<usize> = (0..count).filter(|i| costs[*i].is_finite()).collect();
@@ -68,7 +69,7 @@ pub fn cheapest<T: Trial>(
     let mut errors: BTreeMap<usize, f64> = BTreeMap::new();
     let mut met = None;
     for (n, i) in order.iter().enumerate() {
-        progress(0.5 + 0.5 * n as f64 / order.len() as f64);
+        told(progress, 0.5 + 0.5 * n as f64 / order.len() as f64)?;
         let error = trial.error(&points[*i], tolerance)?;
         errors.insert(*i, error);
         if error <= tolerance {
@@ -77,9 +78,9 @@ pub fn cheapest<T: Trial>(
         }
     }
     let least = errors.iter().min_by(|a, b| a.1.total_cmp(b.1));
-    let chosen = met.or_else(|| least.map(|(i, _)| *i)).ok_or_else(|| {
-        crate::Error::Input("no candidate of the search could be run at all".into())
-    })?;
+    let chosen = met
+        .or_else(|| least.map(|(i, _)| *i))
+        .ok_or_else(|| Error::Input("no candidate of the search could be run at all".into()))?;
     Ok(Found {
         point: points[chosen].clone(),
         cost: costs[chosen],
@@ -88,6 +89,13 @@ pub fn cheapest<T: Trial>(
         tried: [count, errors.len()],
         frontier: errors.iter().map(|(i, e)| (costs[*i], *e)).collect(),
     })
+}
+
+fn told(progress: &dyn Fn(f64) -> ControlFlow<()>, share: f64) -> Result<()> {
+    match progress(share) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(Error::Cancelled),
+    }
 }
 
 impl<P: fmt::Display> Found<P> {

@@ -7,6 +7,74 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
+/// A change of an entry of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// The table it is in.
+    pub table: &'static str,
+    /// Its key there; without one all of the table goes.
+    pub key: Option<&'static str>,
+    /// What it becomes; it goes where nothing is said.
+    pub value: Option<Setting>,
+}
+
+/// A value of an entry.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)]
+pub enum Setting {
+    Text(String),
+    Number(f64),
+    Count(i64),
+    Counts(Vec<i64>),
+}
+
+impl From<Setting> for Value {
+    fn from(setting: Setting) -> Value {
+        match setting {
+            Setting::Text(text) => text.into(),
+            Setting::Number(number) => number.into(),
+            Setting::Count(count) => count.into(),
+            Setting::Counts(counts) => counts.into(),
+        }
+    }
+}
+
+/// What `tuned` has chosen.
+pub(super) fn changes(tuned: &Tuned) -> Vec<Change> {
+    let chosen = &tuned.scene;
+    let mut changes = Vec::new();
+    let mut put = |table, key, value: Option<Setting>| {
+        changes.push(Change { table, key, value });
+    };
+    if tuned.motion.is_some() {
+        put("cage", None, None);
+        if let Some(cage) = &chosen.cage {
+            let nodes = cage.nodes.map(|n| Setting::Count(n as i64));
+            put("cage", Some("nodes"), nodes);
+            let kind = cage.kind.map(|k| Setting::Text(k.name().into()));
+            put("cage", Some("kind"), kind);
+        }
+        let solver = &chosen.solver;
+        let steps = solver.steps.map(|n| Setting::Count(n.into()));
+        for (key, value) in [
+            ("name", solver.name.clone().map(Setting::Text)),
+            ("dt", solver.dt.map(Setting::Number)),
+            ("steps", steps),
+            ("tolerance", solver.tolerance.map(Setting::Number)),
+            ("iterations", None),
+        ] {
+            put("solver", Some(key), value);
+        }
+    }
+    let size = chosen.picture.size;
+    let size = size.map(|size| Setting::Counts(size.map(i64::from).to_vec()));
+    put("picture", Some("size"), size);
+    let accuracy = chosen.picture.accuracy.map(Setting::Number);
+    put("picture", Some("accuracy"), accuracy);
+    put("picture", Some("quality"), None);
+    changes
+}
+
 /// Writes `from` as `to` with what `tuned` has chosen.
 pub(super) fn write(tuned: &Tuned, from: &Path, to: &Path) -> Result<()> {
     let text = std::fs::read_to_string(from).map_err(Error::io(from))?;
@@ -17,50 +85,24 @@ pub(super) fn write(tuned: &Tuned, from: &Path, to: &Path) -> Result<()> {
     if old != new {
         find_from_afar(&mut scene, &old);
     }
-    let chosen = &tuned.scene;
-    if tuned.motion.is_some() {
-        match &chosen.cage {
-            None => {
-                scene.remove("cage");
-            }
-            Some(cage) => {
-                let mut table = Table::new();
-                put(&mut table, "nodes", cage.nodes.map(|n| n as i64));
-                put(&mut table, "kind", cage.kind.map(|k| k.name()));
-                scene.insert("cage".into(), Value::Table(table));
-            }
+    for Change { table, key, value } in changes(tuned) {
+        let Some(key) = key else {
+            scene.remove(table);
+            continue;
+        };
+        let mut own = taken(&mut scene, table);
+        match value {
+            Some(value) => drop(own.insert(key.into(), value.into())),
+            None => drop(own.remove(key)),
         }
-        let mut solver = taken(&mut scene, "solver");
-        put(&mut solver, "name", chosen.solver.name.clone());
-        put(&mut solver, "dt", chosen.solver.dt);
-        put(&mut solver, "steps", chosen.solver.steps.map(i64::from));
-        put(&mut solver, "tolerance", chosen.solver.tolerance);
-        solver.remove("iterations");
-        scene.insert("solver".into(), Value::Table(solver));
+        scene.insert(table.into(), Value::Table(own));
     }
-    let mut picture = taken(&mut scene, "picture");
-    let size = chosen.picture.size.map(|s| s.map(i64::from).to_vec());
-    put(&mut picture, "size", size);
-    put(&mut picture, "accuracy", chosen.picture.accuracy);
-    picture.remove("quality");
-    scene.insert("picture".into(), Value::Table(picture));
     let text = toml::to_string(&scene).map_err(|e| Error::format(to, e.to_string()))?;
     atomic_write(to, |file| {
         let notes = tuned.notes.iter().map(|n| format!("# {n}\n"));
         let notes: String = notes.collect();
         write!(file, "{notes}\n{text}").map_err(Error::io(to))
     })
-}
-
-fn put(table: &mut Table, key: &str, value: Option<impl Into<Value>>) {
-    match value {
-        Some(value) => {
-            table.insert(key.into(), value.into());
-        }
-        None => {
-            table.remove(key);
-        }
-    }
 }
 
 /// Takes a table out of a scene, an empty one where there is none.

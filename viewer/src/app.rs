@@ -9,6 +9,7 @@ use crate::loading::Loading;
 use crate::log::{Frame, FrameLog, memory_mb};
 use crate::opening::Watched;
 use crate::orbit::Orbit;
+use crate::panel::Taking;
 use crate::saving::SavedPicture;
 use crate::screen::Screen;
 use crate::settings::{Settings, Theme};
@@ -126,6 +127,8 @@ pub struct App {
     /// How deep strokes cut, over the body's diagonal.
     pub(crate) cut_depth: f64,
     pub(crate) histogram: Option<Histogram>,
+    /// Whether planes have handles in the picture.
+    pub(crate) handles_shown: bool,
     /// The point of the transfer function that is dragged.
     pub(crate) dragged: Option<usize>,
     /// What a path is asked for, while it is.
@@ -137,6 +140,11 @@ pub struct App {
     pub(crate) chosen: (Sender<Chosen>, Receiver<Chosen>),
     pub(crate) screen: Screen,
     pub(crate) watched: Option<Watched>,
+    /// A scan or a skin that is being read.
+    pub(crate) taking: Option<Taking>,
+    /// What is tuned, and to what.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub(crate) tuning: crate::panel::Tuning,
     /// A picture that is saved as soon as it is there.
     pub(crate) saved_picture: Option<SavedPicture>,
     /// A film that is being made.
@@ -189,6 +197,7 @@ impl App {
             ruler: None,
             cut_depth: CUT_DEPTH,
             histogram: None,
+            handles_shown: true,
             dragged: None,
             ask: None,
             picture: [1024, 768],
@@ -196,6 +205,9 @@ impl App {
             chosen: channel(),
             screen: Screen::default(),
             watched: None,
+            taking: None,
+            #[cfg(not(target_arch = "wasm32"))]
+            tuning: crate::panel::Tuning::default(),
             saved_picture: None,
             #[cfg(not(target_arch = "wasm32"))]
             recording: None,
@@ -292,8 +304,10 @@ impl App {
             error: self.said.1,
             name: self.document.as_ref().map(|d| d.name.clone()),
             loading: self.loading.as_ref().map(|l| l.name.clone()),
-            time_s: show.map_or(0.0, |s| s.stage().time()),
+            time_s: show.map_or(0.0, Show::time),
             playing: show.is_some_and(|s| s.playing),
+            series_frame: show.and_then(|s| Some(s.player.as_ref()?.shown())),
+            planes: self.plane_values(),
         }
     }
 
@@ -327,11 +341,16 @@ impl eframe::App for App {
         let context = ui.ctx().clone();
         self.take_files(&context);
         self.take_over(&context);
+        self.take_read();
         let saved = self.save_arrived(&context);
         self.tell_error(saved);
         #[cfg(not(target_arch = "wasm32"))]
         self.film(&context);
         self.watch(&context);
+        let (held, pressed) = context.input(|i| (i.pointer.any_down(), i.pointer.any_pressed()));
+        if let Some(document) = &mut self.document {
+            document.hold(held, pressed);
+        }
         self.keys(&context);
         if let Some(show) = &mut self.show {
             show.tick(began);
@@ -344,6 +363,9 @@ impl eframe::App for App {
         }
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui));
+        if self.show.as_ref().is_some_and(|show| show.player.is_some()) {
+            egui::Panel::bottom("series").show(ui, |ui| self.scrubber(ui));
+        }
         egui::Panel::left("hands")
             .exact_size(HANDS)
             .show(ui, |ui| self.hands(ui));
@@ -360,7 +382,7 @@ impl eframe::App for App {
         if let Some(why) = self.device_trouble() {
             self.said = (why.to_string(), true);
         }
-        if self.loading.is_some() {
+        if self.loading.is_some() || self.taking.is_some() {
             context.request_repaint_after(Duration::from_millis(100));
         }
         if let Some(look) = self.show.as_ref().and_then(Show::next_look) {

@@ -1,6 +1,7 @@
 //! Where to open from and save to: a path that is typed, or chosen in the system's dialog.
 
 use crate::app::App;
+use crate::panel::Purpose;
 use crate::system::{self, Place};
 use eframe::egui::{self, Key};
 use std::path::{Path, PathBuf};
@@ -53,6 +54,8 @@ impl Saved {
 pub(crate) struct Ask {
     /// What is to be saved there; opened where nothing is said.
     what: Option<Saved>,
+    /// What the file that is not saved is for.
+    purpose: Purpose,
     /// As it is typed.
     pub path: String,
     /// The file that may be replaced: who saves again where one is there already means it.
@@ -60,10 +63,11 @@ pub(crate) struct Ask {
 }
 
 impl Ask {
-    /// Asks what to open.
-    pub fn open() -> Ask {
+    /// Asks for a file.
+    pub fn of(purpose: Purpose) -> Ask {
         Ask {
             what: None,
+            purpose,
             path: String::new(),
             replaced: None,
         }
@@ -83,6 +87,7 @@ impl App {
         let place = folder.unwrap_or(&here).join(name + what.named().1);
         self.ask = Some(Ask {
             what: Some(what),
+            purpose: Purpose::Open,
             path: place.to_string_lossy().into_owned(),
             replaced: None,
         });
@@ -93,7 +98,7 @@ impl App {
         let Some(mut ask) = self.ask.take() else {
             return;
         };
-        let title = ask.what.map_or("Open path", |what| what.named().0);
+        let title = ask.what.map_or(ask.purpose.title(), |what| what.named().0);
         let (mut done, mut browse) = (None, false);
         egui::Window::new(title)
             .collapsible(false)
@@ -101,7 +106,7 @@ impl App {
             .anchor(egui::Align2::CENTER_CENTER, [0.0, -80.0])
             .show(context, |ui| {
                 let edit = egui::TextEdit::singleline(&mut ask.path)
-                    .hint_text("a mesh, a volume, a surface or a scene")
+                    .hint_text(ask.purpose.hint())
                     .desired_width(420.0);
                 let response = ui.add(edit);
                 let entered = response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
@@ -136,7 +141,7 @@ impl App {
         match (done, ask.what) {
             (None, _) => self.ask = Some(ask),
             (Some(false), _) => {}
-            (Some(true), None) => self.open(&path, context),
+            (Some(true), None) => self.take(ask.purpose, &path, context),
             (Some(true), Some(_)) if path.exists() && ask.replaced.as_ref() != Some(&path) => {
                 self.say(format!(
                     "{} is there already; save again to replace it",
@@ -158,7 +163,7 @@ impl App {
     fn browse(&self, ask: &Ask, context: &egui::Context) {
         let wish = self.wish(context);
         match ask.what.map(Saved::named) {
-            None => system::choose_file(wish),
+            None => system::choose_file(wish, ask.purpose),
             Some((title, _, kinds)) => {
                 let path = Path::new(&ask.path);
                 system::choose_place(&Place { title, kinds, path }, wish);

@@ -34,6 +34,8 @@ pub struct Document {
     pub name: String,
     /// The file that was opened: a scene, a mesh, a volume or a surface.
     pub file: Option<PathBuf>,
+    /// The recorded series that it shows, if it is one: a `.pvd`.
+    pub series: Option<PathBuf>,
     /// Of what ships with the viewer, the files that it reads.
     pub ships: &'static [(&'static str, &'static [u8])],
     /// What paths in it are relative to.
@@ -42,10 +44,12 @@ pub struct Document {
     undo: Vec<String>,
     redo: Vec<String>,
     last: Option<(String, Instant)>,
+    /// Whether a button is held: what is edited meanwhile is undone together.
+    held: bool,
 }
 
 impl Document {
-    /// A scene file, or the scene that a mesh, a volume or a surface makes.
+    /// A scene file, or the scene that a mesh, a volume, a surface or a recorded series makes.
     ///
     /// # Errors
     /// [`Error::Io`] for a file that is not there; of a scene, [`Error::Format`] for what it has that
@@ -71,8 +75,23 @@ impl Document {
         if !palpate::io::exists(&file) {
             return Err(Error::io(&file)(std::io::ErrorKind::NotFound.into()));
         }
-        let mut document = Document::new(name.clone(), folder, "[mesh]\n")?;
-        document.text["mesh"]["file"] = Item::Value(Value::from(name));
+        let is_series = file
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("pvd"));
+        let shown = match is_series {
+            false => name.clone(),
+            true => {
+                let frames = palpate::io::read_pvd(&file)?;
+                let first = frames.first().map(|frame| frame.file.clone());
+                let first =
+                    first.ok_or_else(|| Error::format(&file, "the series has no frames"))?;
+                let beside = first.strip_prefix(&folder).unwrap_or(&first);
+                beside.to_string_lossy().into_owned()
+            }
+        };
+        let mut document = Document::new(name, folder, "[mesh]\n")?;
+        document.text["mesh"]["file"] = Item::Value(Value::from(shown));
+        document.series = is_series.then(|| file.clone());
         document.file = Some(file);
         Ok(document)
     }
@@ -86,12 +105,14 @@ impl Document {
         Ok(Document {
             name,
             file: None,
+            series: None,
             ships: &[],
             folder,
             text: parsed(text)?,
             undo: Vec::new(),
             redo: Vec::new(),
             last: None,
+            held: false,
         })
     }
 
@@ -101,6 +122,12 @@ impl Document {
     /// [`Error::Input`] for what makes no sense in it.
     pub fn scene(&self) -> Result<Scene> {
         Scene::parse_in(&self.text.to_string(), &self.folder)
+    }
+
+    /// The path of a file as its text names it.
+    pub fn beside(&self, file: &Path) -> String {
+        let beside = file.strip_prefix(&self.folder).unwrap_or(file);
+        beside.to_string_lossy().into_owned()
     }
 
     /// Its text.
@@ -123,10 +150,9 @@ impl Document {
         change(&mut text);
         let scene = Scene::parse_in(&text.to_string(), &self.folder)?;
         let now = Instant::now();
-        let goes_on = self
-            .last
-            .as_ref()
-            .is_some_and(|(last, at)| last == what && now.duration_since(*at) < AT_ONCE);
+        let goes_on = self.last.as_ref().is_some_and(|(last, at)| {
+            last == what && (self.held || now.duration_since(*at) < AT_ONCE)
+        });
         if !goes_on {
             self.undo.push(self.text.to_string());
             if self.undo.len() > MOST {
@@ -137,6 +163,15 @@ impl Document {
         self.redo.clear();
         self.text = text;
         Ok(scene)
+    }
+
+    /// Notes whether a button of the mouse is held, and whether it was pressed just now: all that is
+    /// dragged in one go is undone together, and apart from what was before.
+    pub fn hold(&mut self, held: bool, pressed: bool) {
+        self.held = held;
+        if pressed {
+            self.last = None;
+        }
     }
 
     /// Has a preset of colours show it, which is no edit to be undone.
@@ -161,9 +196,23 @@ impl Document {
         text.to_string()
     }
 
-    /// Its text as [`Document::text_in`], with the view of `camera` and pictures of `size`.
-    pub fn text_seen(&self, folder: &Path, camera: &Camera, size: [u32; 2]) -> String {
+    /// Its text as [`Document::text_in`], with the view of `camera` and pictures of `size`; of a series
+    /// that of a frame: its file, and the range that its field is shown in.
+    pub fn text_seen(
+        &self,
+        folder: &Path,
+        camera: &Camera,
+        size: [u32; 2],
+        frame: Option<(&Path, Option<[f64; 2]>)>,
+    ) -> String {
         let mut text = self.text.clone();
+        if let Some((file, range)) = frame {
+            let beside = Value::from(self.beside(file));
+            set(&mut text, "mesh", "file", Some(beside));
+            if let Some(range) = range {
+                set(&mut text, "picture", "range", Some(numbers(range)));
+            }
+        }
         let [fov, height] = match camera.projection {
             Projection::Perspective { fov } => [Some(fov), None],
             Projection::Orthographic { height } => [None, Some(height)],
@@ -255,6 +304,20 @@ pub fn set_all(text: &mut DocumentMut, name: &str, tables: Vec<Table>) {
     text.insert(name, Item::ArrayOfTables(all));
 }
 
+/// The tables that `name` has, `[name]` or several `[[name]]`.
+pub fn tables(text: &DocumentMut, name: &str) -> Vec<Table> {
+    match text.get(name) {
+        Some(Item::Table(one)) => vec![one.clone()],
+        Some(Item::ArrayOfTables(all)) => all.iter().cloned().collect(),
+        Some(Item::Value(Value::InlineTable(one))) => vec![one.clone().into_table()],
+        Some(Item::Value(Value::Array(all))) => {
+            let own = all.iter().filter_map(Value::as_inline_table);
+            own.map(|one| one.clone().into_table()).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
 /// An array of numbers.
 pub fn numbers<const N: usize>(values: [f64; N]) -> Value {
     Value::Array(values.into_iter().collect())
@@ -338,6 +401,32 @@ mod tests {
             Some("mip")
         );
         assert_eq!(document.can(), [true, false]);
+    }
+
+    #[test]
+    fn what_is_dragged_in_one_go_is_undone_together() {
+        let mut document = document();
+        let mut drag = |mode: &str| {
+            let mode = Value::from(mode);
+            document
+                .edit("mode", |t| set(t, "picture", "mode", Some(mode)))
+                .unwrap();
+            document.hold(true, false);
+            document.edits()
+        };
+        assert_eq!([drag("mip"), drag("mean"), drag("minip")], [1, 1, 1]);
+        // However long the pointer rests meanwhile.
+        document.last = document.last.map(|(what, at)| (what, at - 4 * AT_ONCE));
+        document
+            .edit("mode", |t| set(t, "picture", "mode", None))
+            .unwrap();
+        assert_eq!(document.edits(), 1);
+        document.hold(true, true);
+        let mode = Some(Value::from("mip"));
+        document
+            .edit("mode", |t| set(t, "picture", "mode", mode))
+            .unwrap();
+        assert_eq!(document.edits(), 2, "another drag is another edit");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What the pointer does in the picture: it moves the view, or touches the body.
 
 use crate::app::App;
+use crate::handles::Hold;
 use crate::settings::Habit;
 use crate::show::Show;
 use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
@@ -8,7 +9,7 @@ use glam::{DVec2, DVec3};
 use palpate::Result;
 use palpate::mesh::{Blade, Location};
 use palpate::physics::BodyField;
-use palpate::render::{Camera, Pick};
+use palpate::render::{Camera, Pick, Ray};
 
 /// What the left button does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -96,6 +97,8 @@ pub enum Stroke {
     Pin,
     /// Measures.
     Ruler,
+    /// Moves or tilts the plane of this number by its handle.
+    Plane(usize, Hold),
 }
 
 /// How the view moves.
@@ -140,6 +143,11 @@ impl Area {
         let share = (at - self.rect.min) / self.rect.size();
         DVec2::new(f64::from(share.x), f64::from(share.y))
             * DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
+    }
+
+    /// The ray through a point of the interface.
+    pub fn ray(&self, camera: &Camera, at: Pos2) -> Ray {
+        camera.ray(self.pixel(at), self.size)
     }
 
     /// Where a place is seen, if it is before the eye.
@@ -211,13 +219,21 @@ impl App {
         if let Some(button) = begun
             && matches!(self.stroke, Stroke::Idle)
         {
+            let handle = match button {
+                PointerButton::Primary => self.handle_at(at, area),
+                _ => None,
+            };
             let touches = button == PointerButton::Primary
                 && self.hand != Hand::Look
                 && !held.shift
                 && !held.command;
-            let result = match touches {
-                true => self.touch(at, area),
-                false => {
+            let result = match (handle, touches) {
+                (Some((number, hold)), _) => {
+                    self.stroke = Stroke::Plane(number, hold);
+                    Ok(())
+                }
+                (None, true) => self.touch(at, area),
+                (None, false) => {
                     let moves = move_of(self.settings.habit, button, held);
                     self.stroke = moves.map_or(Stroke::Idle, Stroke::View);
                     Ok(())
@@ -352,6 +368,10 @@ impl App {
                 if way.last().is_none_or(|last| last.distance(at) > 4.0) {
                     way.push(at);
                 }
+            }
+            Stroke::Plane(number, hold) => {
+                let (number, hold) = (*number, *hold);
+                self.drag_handle(number, hold, at, area);
             }
             Stroke::Pin => {
                 let edits = self.edits();

@@ -6,8 +6,9 @@ const BARS: usize = 96;
 /// How often the scalars of a body occur.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// The name of the field, and the number of tets, that it was counted for.
-    pub of: (String, usize),
+    /// The name of the field, and the version of what is shown, that it was counted for: fields change
+    /// as the body moves and as a series goes by.
+    pub of: (String, u64),
     /// The smallest and largest scalar.
     pub range: (f64, f64),
     /// From the smallest scalar on, how often each occurs, over the most; as a square root, so that
@@ -17,7 +18,7 @@ pub struct Histogram {
 
 impl Histogram {
     /// Counts those of `values` that lie in `range`.
-    pub fn of(values: &[f64], range: (f64, f64), of: (String, usize)) -> Histogram {
+    pub fn of(values: &[f64], range: (f64, f64), of: (String, u64)) -> Histogram {
         let span = (range.1 - range.0).max(f64::MIN_POSITIVE);
         let mut counts = vec![0u32; BARS];
         for value in values {
@@ -51,6 +52,9 @@ mod tests {
         assert_eq!(histogram.bars[BARS / 2], 0.5);
         assert_eq!(histogram.bars.iter().filter(|b| **b > 0.0).count(), 3);
         // Of one value there is one bar.
-        assert_eq!(Histogram::of(&[2.0], (2.0, 2.0), 0).bars[0], 1.0);
+        assert_eq!(
+            Histogram::of(&[2.0], (2.0, 2.0), (String::new(), 0)).bars[0],
+            1.0
+        );
     }
 }

@@ -1,22 +1,98 @@
 //! Bodies are read, meshed and made ready while the interface goes on.
 
 use crate::document::Document;
+use crate::series::Series;
 use crate::show::{Anew, Show};
 use crate::system;
 use crate::touches::Touch;
 use eframe::egui;
-use palpate::Result;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
+use palpate::scene::{ScanEntry, Scene};
+use palpate::{Error, Progress, Result, io};
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use web_time::Instant;
 
 /// The body, whose steps wake the window.
 fn waking(mut show: Show, context: &egui::Context) -> Show {
-    let context = context.clone();
-    show.set_waker(Arc::new(move || context.request_repaint()));
+    let woken = context.clone();
+    show.set_waker(Arc::new(move || woken.request_repaint()), context);
     show
+}
+
+/// Long work on a thread: how far it is, and what comes of it. It ends soon once this is dropped.
+pub(crate) struct Work<T> {
+    since: Instant,
+    told: Arc<Mutex<(String, f64)>>,
+    ends: Arc<AtomicBool>,
+    made: Receiver<Result<T>>,
+}
+
+impl<T> Drop for Work<T> {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+    }
+}
+
+impl<T: Send + 'static> Work<T> {
+    /// Begins `work`, which is `what` at first; the window is woken by its end.
+    pub fn begin(
+        what: &str,
+        context: &egui::Context,
+        work: impl FnOnce(Progress) -> Result<T> + Send + 'static,
+    ) -> Work<T> {
+        let (send, made) = channel();
+        let told = Arc::new(Mutex::new((what.to_owned(), 0.0)));
+        let ends = Arc::new(AtomicBool::new(false));
+        let (context, tell, ended) = (context.clone(), told.clone(), ends.clone());
+        system::later(move || {
+            let progress = |what: &str, share: f64| {
+                *tell.lock().unwrap_or_else(PoisonError::into_inner) = (what.to_owned(), share);
+                match ended.load(Ordering::Relaxed) {
+                    true => ControlFlow::Break(()),
+                    false => ControlFlow::Continue(()),
+                }
+            };
+            // Who cancelled it waits for nothing.
+            let _ = send.send(work(&progress));
+            context.request_repaint();
+        });
+        Work {
+            since: Instant::now(),
+            told,
+            ends,
+            made,
+        }
+    }
+}
+
+impl<T> Work<T> {
+    /// What came of it, once it has ended.
+    pub fn ready(&self) -> Option<Result<T>> {
+        match self.made.try_recv() {
+            Ok(made) => Some(made),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(Err(Error::Input(
+                "it ended without a word; this is a mistake in the program".into(),
+            ))),
+        }
+    }
+
+    /// Has it end soon; what it comes to is [`Error::Cancelled`].
+    #[cfg(test)]
+    pub fn cancel(&self) {
+        self.ends.store(true, Ordering::Relaxed);
+    }
+
+    /// What is being done, the part of it that is done, and for how long, s.
+    pub fn progress(&self) -> (String, f64, f64) {
+        let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let (what, share) = told.clone();
+        (what, share, self.since.elapsed().as_secs_f64())
+    }
 }
 
 /// A body that is being made ready.
@@ -29,9 +105,17 @@ pub struct Loading {
     pub text: String,
     /// The scene that there was before it was edited so.
     pub before: Option<Document>,
-    since: Instant,
-    told: Arc<Mutex<(String, f64)>>,
-    made: Receiver<Result<Show>>,
+    work: Work<Show>,
+}
+
+/// What a body is made anew from that is there already.
+pub struct Kept {
+    /// Its mesh at rest.
+    pub mesh: Arc<TetMesh>,
+    /// Of the finger.
+    pub radius: f64,
+    /// What was recorded of it.
+    pub series: Option<Arc<Series>>,
 }
 
 impl Loading {
@@ -47,19 +131,18 @@ impl Loading {
         })
     }
 
-    /// The same for the body of a mesh that is there already, with a finger of a radius; the scene was
-    /// another one `before`.
+    /// The same of what is `kept` of a body that is open; the scene was another one `before`.
     ///
     /// # Errors
     /// As [`Loading::open`].
     pub fn again(
         gpu: &Gpu,
         document: &Document,
-        body: (Arc<TetMesh>, f64),
+        kept: Kept,
         before: Option<Document>,
         context: &egui::Context,
     ) -> Result<Loading> {
-        let loading = Loading::begin(gpu, document, Some(body), context)?;
+        let loading = Loading::begin(gpu, document, Some(kept), context)?;
         Ok(Loading { before, ..loading })
     }
 
@@ -71,15 +154,12 @@ impl Loading {
         touch: Arc<Touch>,
         context: &egui::Context,
     ) -> Loading {
-        let (send, made) = channel();
-        let (gpu, context) = (gpu.clone(), context.clone());
-        system::later(move || {
+        let (gpu, woken) = (gpu.clone(), context.clone());
+        let work = Work::begin("undoing the cut", context, move |_| {
             let Touch::Cut(_, before) = touch.as_ref() else {
-                return;
+                return Err(Error::Input("what is undone is no cut".into()));
             };
-            let show = anew.back(&gpu, before).map(|show| waking(show, &context));
-            let _ = send.send(show);
-            context.request_repaint();
+            Ok(waking(anew.back(&gpu, before)?, &woken))
         });
         Loading {
             name,
@@ -87,9 +167,7 @@ impl Loading {
             // It looks as it was made, and is to look as the scene has it now.
             text: String::new(),
             before: None,
-            since: Instant::now(),
-            told: Arc::new(Mutex::new(("undoing the cut".to_owned(), 1.0))),
-            made,
+            work,
         }
     }
 
@@ -101,60 +179,147 @@ impl Loading {
     fn begin(
         gpu: &Gpu,
         document: &Document,
-        body: Option<(Arc<TetMesh>, f64)>,
+        kept: Option<Kept>,
         context: &egui::Context,
     ) -> Result<Loading> {
-        let scene = document.scene()?;
-        let (mesh, radius) = body.unzip();
-        let (send, made) = channel();
-        let told = Arc::new(Mutex::new(("reading".to_owned(), 0.0)));
-        let (gpu, context, tell) = (gpu.clone(), context.clone(), told.clone());
-        system::later(move || {
-            let progress = |what: &str, share: f64| {
-                *tell.lock().unwrap_or_else(PoisonError::into_inner) = (what.to_owned(), share);
-            };
-            let mesh = match mesh {
-                Some(mesh) => Ok(mesh),
+        let (scene, series) = (document.scene()?, document.series.clone());
+        let (gpu, woken) = (gpu.clone(), context.clone());
+        let work = Work::begin("reading", context, move |progress| {
+            let mut scene = scene;
+            let kept = match (kept, series) {
+                (Some(kept), _) => kept,
+                (None, Some(file)) => {
+                    let (series, mesh) = Series::read(&file, progress)?;
+                    Kept {
+                        mesh: Arc::new(mesh),
+                        radius: 0.0,
+                        series: Some(Arc::new(series)),
+                    }
+                }
                 // Scenes of several bodies and of grids make their own.
-                None if !scene.body.is_empty() || scene.grid.is_some() => Ok(Arc::default()),
-                None => scene.mesh.load_telling(&progress).map(Arc::new),
+                (None, None) => Kept {
+                    mesh: match !scene.body.is_empty() || scene.grid.is_some() {
+                        true => Arc::default(),
+                        false => Arc::new(scene.mesh.load_telling(progress)?),
+                    },
+                    radius: 0.0,
+                    series: None,
+                },
             };
-            progress("making it ready", 1.0);
-            let show = mesh.and_then(|mesh| Show::new(&gpu, &scene, mesh, radius));
-            let show = show.map(|show| waking(show, &context));
-            // Who cancelled it waits for nothing.
-            let _ = send.send(show);
-            context.request_repaint();
+            let scans = read_carried(&mut scene, progress)?;
+            if progress("making it ready", 1.0).is_break() {
+                return Err(Error::Cancelled);
+            }
+            let radius = Some(kept.radius).filter(|radius| *radius > 0.0);
+            let mut show = match kept.series {
+                Some(series) => Show::of_series(&gpu, &scene, kept.mesh, series)?,
+                None => Show::new(&gpu, &scene, kept.mesh, radius)?,
+            };
+            show.keep_read(scans, Vec::new());
+            Ok(waking(show, &woken))
         });
         Ok(Loading {
             name: document.name.clone(),
             document: None,
             text: document.text(),
             before: None,
-            since: Instant::now(),
-            told,
-            made,
+            work,
         })
     }
 
     /// The body, once it is ready.
     pub fn ready(&self) -> Option<Result<Show>> {
-        match self.made.try_recv() {
-            Ok(made) => Some(made),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => Some(Err(palpate::Error::Input(
-                "opening it ended without a word; this is a mistake in the program".into(),
-            ))),
-        }
+        self.work.ready()
     }
 
     /// What is being done, the part of it that is done, and for how long, s.
     pub fn progress(&self) -> (String, f64, f64) {
-        let (what, share) = self
-            .told
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
-        (what, share, self.since.elapsed().as_secs_f64())
+        self.work.progress()
+    }
+}
+
+/// Reads the scans and skins of a scene, so that edits of how it looks need not read them again.
+fn read_carried(scene: &mut Scene, progress: Progress) -> Result<Vec<ReadScan>> {
+    let mut scans = Vec::new();
+    for scan in &mut scene.scan {
+        let read = read_scan(scan, progress)?;
+        *scan = read.0.clone();
+        scans.push(read);
+    }
+    for skin in &mut scene.skin {
+        skin.surface.0 = Some(Arc::new(skin.read(progress)?));
+    }
+    Ok(scans)
+}
+
+/// Labels that are told one by one.
+const FEW: usize = 64;
+
+/// A scan with its volume, and its labels by number and name where they are few.
+pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
+
+/// Reads a scan.
+///
+/// # Errors
+/// What reading gives; [`Error::Cancelled`].
+pub(crate) fn read_scan(scan: &ScanEntry, progress: Progress) -> Result<ReadScan> {
+    let told = |what| match progress(what, 0.0).is_break() {
+        true => Err(Error::Cancelled),
+        false => Ok(()),
+    };
+    told("reading the scan")?;
+    let volume = io::read_volume(&scan.file)?;
+    told("looking for labels")?;
+    let labels = volume.labels().filter(|all| all.len() <= FEW);
+    let labels = labels.map(|all| {
+        let shown = all.into_keys().filter(|label| *label != 0);
+        let named = shown.map(|label| {
+            let name = volume.names.get(&label).cloned();
+            (label, name.unwrap_or_else(|| format!("label {label}")))
+        });
+        named.collect()
+    });
+    let mut read = scan.clone();
+    read.volume.0 = Some(Arc::new(volume));
+    told("making it ready")?;
+    Ok((read, labels))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+    use std::time::Duration;
+
+    #[test]
+    fn meshing_that_is_cancelled_ends_soon() {
+        let gpu = Gpu::new().unwrap();
+        // Far more than is wanted: minutes of work.
+        let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000000\n";
+        let document = Document::new("limb".into(), PathBuf::new(), text).unwrap();
+        let loading = Loading::open(&gpu, document, &egui::Context::default()).unwrap();
+        let until = Instant::now() + Duration::from_secs(120);
+        while loading.progress().0 == "reading" {
+            assert!(loading.ready().is_none() && Instant::now() < until);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        // In the midst of something.
+        std::thread::sleep(Duration::from_millis(700));
+        assert!(loading.ready().is_none(), "it was to take longer");
+        let cancelled = Instant::now();
+        loading.work.cancel();
+        let made = loop {
+            if let Some(made) = loading.ready() {
+                break made;
+            }
+            assert!(cancelled.elapsed() < Duration::from_secs(60));
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let took = cancelled.elapsed();
+        println!("ended {took:?} later, in {}", loading.progress().0);
+        assert!(matches!(made, Err(Error::Cancelled)));
+        // On a machine that does other things as well.
+        assert!(took < Duration::from_secs(5), "{took:?}");
     }
 }

@@ -45,6 +45,10 @@ pub struct Frame {
     pub time_s: f64,
     /// Whether time goes by.
     pub playing: bool,
+    /// Of a recorded series the frame that is shown, from 0.
+    pub series_frame: Option<usize>,
+    /// Planes there are: a point and the normal of each.
+    pub planes: Vec<[f64; 6]>,
 }
 
 /// A file of frames.

@@ -5,6 +5,7 @@ use crate::ask::{Ask, Saved};
 use crate::examples::EXAMPLES;
 use crate::hand::{Hand, Stroke};
 use crate::orbit::Side;
+use crate::panel::Purpose;
 use crate::settings::{Habit, Theme};
 use crate::system;
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
@@ -42,10 +43,10 @@ impl App {
             self.undo(false, context);
         }
         if pressed(&OPEN) {
-            system::choose_file(self.wish(context));
+            system::choose_file(self.wish(context), Purpose::Open);
         }
         if pressed(&OPEN_PATH) {
-            self.ask = Some(Ask::open());
+            self.ask = Some(Ask::of(Purpose::Open));
         }
         if pressed(&SAVE_PICTURE) {
             self.ask_place(Saved::Picture);
@@ -120,6 +121,9 @@ impl App {
         if hit(Key::Period) {
             self.step();
         }
+        if hit(Key::Comma) {
+            self.go_on(-1);
+        }
         if hit(Key::Escape) {
             if matches!(self.stroke, Stroke::Cut(..)) {
                 self.stroke = Stroke::Idle;
@@ -130,15 +134,11 @@ impl App {
         }
     }
 
-    /// Has time go by, or not; the other way round where nothing is said.
-    fn play(&mut self, playing: Option<bool>) {
-        if let Some(show) = &mut self.show {
-            show.playing = playing.unwrap_or(!show.playing);
-        }
-    }
-
-    /// One step, and no more.
+    /// One step, or frame, and no more.
     fn step(&mut self) {
+        if self.go_on(1) {
+            return;
+        }
         let Some(show) = &mut self.show else { return };
         show.playing = false;
         let result = match show.stage_mut().under_way() {
@@ -178,7 +178,8 @@ impl App {
                 for (_, name, key, help) in Hand::ALL {
                     ui.label(format!("{}  {name}: {help}", key.name()));
                 }
-                ui.label("Space: play and pause   .: one step   F: fit   O: parallel rays");
+                ui.label("Space: play and pause   .: one step or frame   ,: one frame back");
+                ui.label("F: fit   O: parallel rays");
                 ui.label("R L A P S I: sides   arrows: turn   Shift and arrows: move");
                 ui.label("+ and -: nearer and farther   PgUp and PgDn: fly   [ and ]: roll");
             });
@@ -188,10 +189,10 @@ impl App {
 
     fn menu_file(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         if item(ui, true, "Open…", Some(&OPEN)) {
-            system::choose_file(self.wish(context));
+            system::choose_file(self.wish(context), Purpose::Open);
         }
         if item(ui, true, "Open path…", Some(&OPEN_PATH)) {
-            self.ask = Some(Ask::open());
+            self.ask = Some(Ask::of(Purpose::Open));
         }
         ui.menu_button("Open recent", |ui| {
             let recent = self.settings.recent.clone();
@@ -312,12 +313,16 @@ impl App {
         ui.horizontal(|ui| {
             if let Some(show) = &mut self.show {
                 let moves = show.stage().motion().is_some();
-                let play = if show.playing { "Pause" } else { "Play" };
-                if ui.add_enabled(moves, egui::Button::new(play)).clicked() {
-                    show.playing = !show.playing;
+                let (mut step, mut rest) = (false, false);
+                // A series has a line of its own.
+                if show.player.is_none() {
+                    let play = if show.playing { "Pause" } else { "Play" };
+                    if ui.add_enabled(moves, egui::Button::new(play)).clicked() {
+                        show.playing = !show.playing;
+                    }
+                    step = ui.add_enabled(moves, egui::Button::new("Step")).clicked();
+                    rest = ui.add_enabled(moves, egui::Button::new("Reset")).clicked();
                 }
-                let step = ui.add_enabled(moves, egui::Button::new("Step")).clicked();
-                let rest = ui.add_enabled(moves, egui::Button::new("Reset")).clicked();
                 egui::ComboBox::from_id_salt("speed")
                     .selected_text(format!("{} × real time", show.speed))
                     .width(100.0)
@@ -328,10 +333,11 @@ impl App {
                     });
                 let asleep = show.stage().motion().is_some_and(|m| m.asleep());
                 ui.separator();
-                ui.label(format!("{:.2} s", show.stage().time()));
+                ui.label(format!("{:.2} s", show.time()));
                 ui.separator();
                 let steps = match (show.playing && moves, asleep) {
                     (_, true) => "at rest".to_owned(),
+                    _ if show.player.is_some() => "recorded".to_owned(),
                     _ => format!("{:.0} steps/s", show.rate),
                 };
                 ui.label(format!(

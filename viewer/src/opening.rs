@@ -4,7 +4,7 @@ use crate::app::App;
 use crate::document::Document;
 use crate::examples::Example;
 use crate::hand::Stroke;
-use crate::loading::Loading;
+use crate::loading::{Kept, Loading};
 use crate::orbit::Orbit;
 use crate::show::Show;
 use crate::system::{self, Chosen, Wish};
@@ -78,9 +78,13 @@ impl App {
         }
     }
 
-    /// Drops what is being opened.
+    /// Drops what is being opened or read.
     pub(crate) fn cancel_loading(&mut self) {
+        if self.loading.is_none() && self.taking.take().is_some() {
+            return self.say("it was left out".into());
+        }
         if let Some(loading) = self.loading.take() {
+            // Its thread ends soon, wherever it is.
             self.say(format!("{} was not opened", loading.name));
         }
     }
@@ -100,8 +104,12 @@ impl App {
         if self.loading.as_ref().is_some_and(Loading::opens) {
             return;
         }
-        let body = (show.mesh.clone(), radius.unwrap_or(show.radius));
-        match Loading::again(&self.gpu, document, body, before, context) {
+        let kept = Kept {
+            mesh: show.mesh.clone(),
+            radius: radius.unwrap_or(show.radius),
+            series: show.player.as_ref().map(|player| player.series().clone()),
+        };
+        match Loading::again(&self.gpu, document, kept, before, context) {
             Ok(loading) => self.loading = Some(loading),
             Err(why) => self.tell_error(Err(why)),
         }
@@ -169,6 +177,7 @@ impl App {
             (None, ..) => {}
         }
         self.stroke = Stroke::Idle;
+        self.taking = None;
         self.ruler = None;
         self.histogram = None;
         self.screen.forget();
@@ -195,9 +204,9 @@ impl App {
         }
         while let Ok(chosen) = self.chosen.1.try_recv() {
             match chosen {
-                Chosen::Open(file) => {
+                Chosen::File(purpose, file) => {
                     self.ask = None;
-                    self.open(&file, context);
+                    self.take(purpose, &file, context);
                 }
                 Chosen::Place(file) => {
                     if let Some(ask) = &mut self.ask {

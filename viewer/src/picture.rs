@@ -56,6 +56,7 @@ impl App {
         let painter = ui.painter_at(area.rect);
         let strong = ui.visuals().strong_text_color();
         let line = Line::new(2.0, ui.visuals().selection.stroke.color);
+        self.draw_handles(ui, area, camera);
         if let Stroke::Cut(way, _) = &self.stroke {
             painter.line(way.clone(), line);
         }
@@ -104,11 +105,16 @@ impl App {
                 strong,
             );
         }
-        if let Some(loading) = &self.loading {
-            let (what, share, seconds) = loading.progress();
+        let loading = self.loading.as_ref();
+        let loading = loading.map(|l| (l.name.clone(), l.progress(), l.opens()));
+        let taking = self.taking.as_ref().map(|taking| {
+            let (name, progress) = taking.progress();
+            (name, progress, true)
+        });
+        if let Some((name, (what, share, seconds), ends)) = loading.or(taking) {
             let said = match share > 0.0 && share < 1.0 {
-                true => format!("{}: {what}, {:.0} %", loading.name, 100.0 * share),
-                false => format!("{}: {what}, {seconds:.0} s", loading.name),
+                true => format!("{name}: {what}, {:.0} %", 100.0 * share),
+                false => format!("{name}: {what}, {seconds:.0} s"),
             };
             let font = egui::FontId::proportional(18.0);
             let middle = area.rect.center();
@@ -123,7 +129,7 @@ impl App {
             painter.rect_filled(done, 3.0, line.color);
             let below = bar.center_bottom() + egui::vec2(0.0, 22.0);
             let button = Rect::from_center_size(below, egui::vec2(80.0, 24.0));
-            cancelled = loading.opens() && ui.put(button, egui::Button::new("Cancel")).clicked();
+            cancelled = ends && ui.put(button, egui::Button::new("Cancel")).clicked();
         }
         if cancelled {
             self.cancel_loading();

@@ -45,7 +45,16 @@ impl App {
             Saved::Scene => {
                 let file = system::absolute(file)?;
                 let folder = file.parent().unwrap_or(Path::new(""));
-                let text = document.text_seen(folder, &camera, self.picture);
+                let frame = show.player.as_ref().and_then(|player| {
+                    let field = show.stage().scalar_field();
+                    let range = player.series().range(&field.name);
+                    let range = range.filter(|_| field.regions.is_empty());
+                    Some((
+                        player.series().file(player.shown())?,
+                        range.map(|(a, b)| [a, b]),
+                    ))
+                });
+                let text = document.text_seen(folder, &camera, self.picture, frame);
                 write(&file, text.as_bytes())?;
                 // What an example reads lies in no place that lasts.
                 for (name, bytes) in document.ships {

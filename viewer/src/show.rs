@@ -1,13 +1,19 @@
 //! A body that is open: stepped as time goes by, touched, drawn.
 
+use crate::loading::ReadScan;
+use crate::series::Player;
 use crate::touches::{Before, Touch, Touches};
+use eframe::egui;
 use glam::{DVec2, DVec3};
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Blade, TetMesh, Topology};
 use palpate::physics::{Engine, GrabId, Grip, SolverKind, Waker};
 use palpate::render::{Camera, Pick};
-use palpate::scene::{Axis, Motion, PendingImage, Region, Scene, SphereEntry, Stage, ToolEntry};
+use palpate::scene::{
+    Axis, Motion, PendingImage, Region, Scene, SkinEntry, SphereEntry, Stage, ToolEntry,
+};
 use palpate::{Error, Result};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use web_time::Instant;
@@ -84,6 +90,10 @@ pub struct Show {
     pub touches: Touches,
     /// The scene that it was made of.
     made: Scene,
+    /// Scans and skins that were read.
+    read: (Vec<ReadScan>, Vec<SkinEntry>),
+    /// The recorded series that is shown, where one is.
+    pub player: Option<Player>,
     /// What was measured since the last press began.
     pub samples: Vec<Sample>,
     /// Whether time goes by.
@@ -124,7 +134,7 @@ impl Show {
         let made = scene.clone();
         let (mut scene, touchable) = held(scene);
         let mut radius = radius;
-        let (mut stage, finger) = match touchable {
+        let (stage, finger) = match touchable {
             Ok(()) => {
                 let radius = *radius.get_or_insert_with(|| fitting_radius(&mesh));
                 let (away, number) = (put_away(mesh.bounds()), led(&scene));
@@ -153,6 +163,27 @@ impl Show {
                 (stage, Err(why))
             }
         };
+        Ok(Show::on(stage, (&scene, made), mesh, radius, finger))
+    }
+
+    /// The body of `scene`, which nothing moves.
+    pub(crate) fn still(gpu: &Gpu, scene: &Scene, mesh: Arc<TetMesh>) -> Result<Show> {
+        let mut still = scene.clone();
+        still.solver.name = None;
+        let stage = Stage::with_mesh(gpu, &still, (*mesh).clone())?;
+        let finger = Err("it was recorded, and is not simulated".into());
+        Ok(Show::on(stage, (&still, scene.clone()), mesh, None, finger))
+    }
+
+    /// What is on a stage that was made of a scene, as it was `made` of the one that was given.
+    fn on(
+        stage: Stage,
+        (scene, made): (&Scene, Scene),
+        mesh: Arc<TetMesh>,
+        radius: Option<f64>,
+        finger: std::result::Result<usize, String>,
+    ) -> Show {
+        let mut stage = stage;
         let timed = !(scene.grab.is_empty()
             && scene.cut.is_empty()
             && scene.moves.is_empty()
@@ -174,7 +205,7 @@ impl Show {
             false => mesh,
         };
         let radius = radius.unwrap_or_else(|| fitting_radius(&mesh));
-        Ok(Show {
+        Show {
             bounds: stage.mesh().bounds(),
             unit: unit.or(mesh.length_unit).unwrap_or(1.0),
             notes: stage.notes().to_vec(),
@@ -187,7 +218,9 @@ impl Show {
             grab: None,
             blade: None,
             touches: Touches::default(),
+            read: (Vec::new(), made.skin.clone()),
             made,
+            player: None,
             samples: Vec::new(),
             speed: 1.0,
             owed: 0.0,
@@ -202,7 +235,7 @@ impl Show {
             failed: false,
             remark: None,
             version: 0,
-        })
+        }
     }
 
     /// The stage, to look at it.
@@ -226,8 +259,58 @@ impl Show {
     /// As [`Stage::set_looks`].
     pub fn set_looks(&mut self, scene: &Scene) -> Result<()> {
         self.version += 1;
-        self.notes = self.stage.set_looks(scene)?;
+        let scene = self.with_read(scene);
+        self.notes = self.stage.set_looks(&scene)?;
+        self.widen(&scene)
+    }
+
+    /// Has what a recorded series shows be in the range of all its frames.
+    pub(crate) fn widen(&mut self, scene: &Scene) -> Result<()> {
+        if let Some(wider) = self.in_series(scene) {
+            self.notes = self.stage.set_looks(&wider)?;
+        }
         Ok(())
+    }
+
+    /// The scene with the scans and skins that were read already.
+    fn with_read(&self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        for scan in &mut scene.scan {
+            let mut all = self.read.0.iter().map(|(known, _)| known);
+            let known = all.find(|known| known.file == scan.file);
+            if let Some(known) = known.filter(|_| scan.volume.0.is_none()) {
+                scan.volume = known.volume.clone();
+            }
+        }
+        for skin in &mut scene.skin {
+            let same = |k: &&SkinEntry| {
+                let (a, b) = (
+                    (&k.file, k.smooth, &k.labels),
+                    (&skin.file, skin.smooth, &skin.labels),
+                );
+                a == b && k.above == skin.above
+            };
+            let known = self.read.1.iter().find(same).map(|k| k.surface.clone());
+            if let Some(known) = known.filter(|_| skin.surface.0.is_none()) {
+                skin.surface = known;
+            }
+        }
+        scene
+    }
+
+    /// The labels of a scan that was read, by number and name, where they are few.
+    pub(crate) fn labels_of(&self, file: &Path) -> Option<&[(i64, String)]> {
+        let known = self.read.0.iter().find(|(scan, _)| scan.file == file)?;
+        known.1.as_deref()
+    }
+
+    /// Keeps scans and skins that were read, so that edits need not read them again.
+    pub(crate) fn keep_read(&mut self, scans: Vec<ReadScan>, skins: Vec<SkinEntry>) {
+        for scan in scans {
+            self.read.0.retain(|known| known.0.file != scan.0.file);
+            self.read.0.push(scan);
+        }
+        self.read.1.extend(skins);
     }
 
     /// The same of planes and isosurfaces alone.
@@ -252,9 +335,20 @@ impl Show {
     }
 
     /// Has `waker` called when steps were done.
-    pub fn set_waker(&mut self, waker: Waker) {
+    pub fn set_waker(&mut self, waker: Waker, context: &egui::Context) {
+        if let Some(player) = &mut self.player {
+            player.wake(context);
+        }
         if let Some(motion) = self.stage.motion_mut() {
             motion.simulator.set_waker(waker);
+        }
+    }
+
+    /// The time that is shown, s.
+    pub fn time(&self) -> f64 {
+        match &self.player {
+            Some(player) => player.series().time(player.shown()),
+            None => self.stage.time(),
         }
     }
 
@@ -273,6 +367,9 @@ impl Show {
         if self.blade.is_some() && !self.under_way {
             return Some(Duration::ZERO);
         }
+        if self.player.is_some() {
+            return self.next_frame();
+        }
         let motion = self.stage.motion().filter(|_| self.is_busy())?;
         match (self.under_way, motion.engine()) {
             (true, Engine::Gpu) => Some(LOOK),
@@ -286,9 +383,13 @@ impl Show {
 
     /// Has the body go on to `now`: takes over steps that are done, and asks for more of them.
     pub fn tick(&mut self, now: Instant) {
-        let passed = now.duration_since(self.last).min(OWED);
+        let passed = now.duration_since(self.last);
         self.last = now;
         self.count(now);
+        if self.player.is_some() {
+            return self.play_series(passed.as_secs_f64());
+        }
+        let passed = passed.min(OWED);
         match self.stage.under_way() {
             Ok(true) => return,
             // What it led to is seen now.

@@ -5,6 +5,10 @@
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, missing_docs)]
 
+use glam::DVec3;
+use palpate::io::PvdSeries;
+use palpate::mesh::generate::bar_of_about;
+use palpate::mesh::{Field, Location};
 use palpate::render::{Background, BitDepth, Difference, Image};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
@@ -338,6 +342,108 @@ fn a_session_in_the_window() {
         frames.len()
     );
     assert!(slowest < STALL, "{slowest} ms");
+}
+
+/// Recorded frames are played, gone through one by one and by the slider; a plane is moved by its
+/// handle, which is undone.
+#[test]
+fn a_series_and_the_handle_of_a_plane() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = bar_of_about(2000, DVec3::new(0.12, 0.06, 0.06)).unwrap();
+    let mut series = PvdSeries::create(folder.path(), "bar").unwrap();
+    for k in 0..6 {
+        let bent = |p: &DVec3| *p + 3.0 * f64::from(k) * p.x * p.x * DVec3::Z;
+        let nodes: Vec<DVec3> = mesh.nodes.iter().map(bent).collect();
+        let heat = nodes.iter().map(|p| p.z).collect();
+        let heat = Field::scalar("heat", Location::Node, heat);
+        let time = 0.1 * f64::from(k);
+        series.push_deformed(time, &mesh, &nodes, &[heat]).unwrap();
+    }
+    let mut window = Window::open(&[series.path().to_str().unwrap()]);
+    let first = window.shot();
+    let frame = |said: &Value| said["series_frame"].as_u64();
+    assert_eq!(frame(&window.last()), Some(0));
+    window.key("space");
+    let end = window.wait("the end", |said| frame(said) == Some(5));
+    assert!((end["time_s"].as_f64().unwrap() - 0.5).abs() < 1e-9);
+    window.rest();
+    assert_eq!(window.last()["playing"], false);
+    assert!(apart(&first, &window.shot()) > OTHER);
+    window.key("comma");
+    window.wait("the frame before", |said| frame(said) == Some(4));
+    window.hold([700, 731], [400, 731]);
+    window.let_go();
+    let middle = frame(&window.last());
+    assert!((1..=3).contains(&middle.unwrap()), "{middle:?}");
+
+    let plane = |said: &Value| -> Vec<f64> {
+        let own = said["planes"][0].as_array().cloned().unwrap_or_default();
+        own.iter().filter_map(Value::as_f64).collect()
+    };
+    window.click([810, 306]);
+    let clip = plane(&window.wait("a clip", |said| plane(said).len() == 6));
+    window.rest();
+    let before = window.shot();
+    // It is in the middle of the picture.
+    window.hold([410, 371], [455, 410]);
+    window.let_go();
+    let moved = plane(&window.last());
+    assert_eq!(moved[3..], clip[3..]);
+    assert!(moved[..3] != clip[..3], "{moved:?}");
+    assert!(apart(&before, &window.shot()) > 0.005);
+    window.key("ctrl+z");
+    window.wait("the undone", |said| plane(said) == clip);
+}
+
+/// Meshing ends where it is cancelled, and what was open stays.
+#[test]
+fn meshing_is_cancelled() {
+    let mut window = Window::open(&["--example", "limb"]);
+    let scene = window.folder.path().join("large.toml");
+    std::fs::write(&scene, "[mesh]\ngenerate = \"limb\"\ntets = 6000000\n").unwrap();
+    window.key("ctrl+l");
+    window.xdotool(&["type", "--delay", "20", "large.toml"]);
+    window.key("Return");
+    window.wait("the meshing", |said| said["loading"] == "large.toml");
+    std::thread::sleep(Duration::from_secs(3));
+    window.click([410, 432]);
+    let left = window.wait("the end", |said| said["loading"].is_null());
+    assert_eq!(left["said"], "large.toml was not opened");
+    assert!(left["tets"].as_u64().unwrap() < 20_000);
+    // Nothing works on any more.
+    std::thread::sleep(Duration::from_secs(4));
+    let used = |window: &Window| {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", window.viewer.id())).unwrap();
+        let after = stat.rsplit(')').next().unwrap();
+        let fields: Vec<&str> = after.split_whitespace().collect();
+        fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()
+    };
+    let before = used(&window);
+    std::thread::sleep(Duration::from_secs(2));
+    let ticks = used(&window) - before;
+    assert!(ticks < 60.0, "{ticks} hundredths of a second in two");
+}
+
+/// A skin is put on, and undone.
+#[test]
+fn a_skin_is_put_on() {
+    let mut window = Window::open(&["--example", "limb"]);
+    let bare = window.shot();
+    window.click([819, 495]);
+    window.click([809, 551]);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/limb_10k.vtu");
+    window.xdotool(&["type", "--delay", "5", file.to_str().unwrap()]);
+    window.key("Return");
+    let said = |frame: &Value| frame["said"].as_str().unwrap_or_default().to_owned();
+    window.wait("the skin", |frame| {
+        said(frame).contains("skin limb_10k.vtu")
+    });
+    window.rest();
+    let worn = window.shot();
+    assert!(apart(&bare, &worn) > OTHER, "{}", apart(&bare, &worn));
+    window.key("ctrl+z");
+    window.rest();
+    assert!(apart(&worn, &window.shot()) > OTHER);
 }
 
 /// Looked at and pressed on for a while, it needs no more memory than at first.

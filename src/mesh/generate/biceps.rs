@@ -3,7 +3,7 @@
 use super::solid::{fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::Filling;
-use crate::{Error, Result};
+use crate::{Error, Result, untold};
 use glam::DVec3;
 
 /// Half of its length, and of that of its belly, m.
@@ -81,7 +81,7 @@ fn filled(step: f64) -> Result<Filling> {
         let past = (p.z.abs() - (HALF - TENDON)).max(0.0);
         (r - p.truncate().length().hypot(past)) / (step * (1.0 + slope * slope).sqrt())
     };
-    let mut filled = fill_solid(2.0 * corner / step, 0.0, inside)?;
+    let mut filled = fill_solid(2.0 * corner / step, 0.0, inside, &untold)?;
     filled
         .nodes
         .iter_mut()

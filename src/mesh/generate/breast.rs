@@ -2,8 +2,8 @@
 
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, rod, smooth_union};
-use crate::Result;
 use crate::mesh::TetMesh;
+use crate::{Progress, Result, untold};
 use glam::DVec3;
 
 /// Radius of its base and its height, m; how boxy its profile is.
@@ -25,7 +25,12 @@ const LUMP: [f64; 2] = [0.022, 0.022];
 /// [`Error::Input`](crate::Error::Input) for fewer than 1,000 tets or more than 20 million, and for
 /// a lump that does not fit or makes no sense.
 pub fn breast(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    organ(Breast, tets, lump)
+    telling(tets, lump, &untold)
+}
+
+/// As [`breast`], telling how far it is.
+pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: Progress) -> Result<TetMesh> {
+    organ(Breast, tets, lump, progress)
 }
 
 struct Breast;

@@ -2,8 +2,8 @@
 
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, smooth_union};
-use crate::Result;
 use crate::mesh::TetMesh;
+use crate::{Progress, Result, untold};
 use glam::DVec3;
 
 /// Where its back is, on which it lies, m.
@@ -19,7 +19,12 @@ const LUMP: [f64; 2] = [-0.03, 0.0];
 /// # Errors
 /// As [`breast`](super::breast).
 pub fn liver(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    organ(Liver, tets, lump)
+    telling(tets, lump, &untold)
+}
+
+/// As [`liver`], telling how far it is.
+pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: Progress) -> Result<TetMesh> {
+    organ(Liver, tets, lump, progress)
 }
 
 struct Liver;

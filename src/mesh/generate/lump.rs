@@ -2,7 +2,7 @@
 
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -96,7 +96,12 @@ impl<O: Organ> Domain for Lumped<O> {
 }
 
 /// The mesh of an organ of about `tets` tets.
-pub(super) fn organ<O: Organ>(organ: O, tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
+pub(super) fn organ<O: Organ>(
+    organ: O,
+    tets: usize,
+    lump: Option<Lump>,
+    progress: Progress,
+) -> Result<TetMesh> {
     let wrong = |why: String| Err(Error::Input(why));
     if !(1_000..=20_000_000).contains(&tets) {
         return wrong(format!(
@@ -115,14 +120,14 @@ pub(super) fn organ<O: Organ>(organ: O, tets: usize, lump: Option<Lump>) -> Resu
         grading: 2.0,
         ..MeshOptions::default()
     };
-    let mut filled = fill(&domain, &options, &|_, _| {})?;
+    let mut filled = fill(&domain, &options, progress)?;
     let own = O::TISSUES.len() as u16 + 1;
     if let Some((_, radius)) = &mut domain.lump {
         // Flat tets in a ball hold too little: another one holds what this one should.
         let over = volume(&filled, own) / (4.0 / 3.0 * PI * radius.powi(3));
         if over > 0.0 {
             *radius *= over.cbrt().recip().min(LARGER);
-            filled = fill(&domain, &options, &|_, _| {})?;
+            filled = fill(&domain, &options, progress)?;
         }
     }
     if lump.is_some() && !filled.regions.contains(&own) {

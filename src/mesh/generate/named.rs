@@ -5,7 +5,7 @@ use super::{
     breast, duct, foot, limb, liver,
 };
 use crate::mesh::TetMesh;
-use crate::{Error, Result};
+use crate::{Error, Progress, Result, untold};
 use glam::DVec3;
 
 /// The names that [`by_name`] knows, and what each of them makes.
@@ -78,6 +78,16 @@ pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
 /// # Errors
 /// As [`by_name`], and for a lump that the organ has no room for.
 pub fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<TetMesh> {
+    telling(name, tets, lump, &untold)
+}
+
+/// As [`with_lump`], telling `progress` how far the large ones are.
+pub(crate) fn telling(
+    name: &str,
+    tets: Option<usize>,
+    lump: Option<Lump>,
+    progress: Progress,
+) -> Result<TetMesh> {
     // Cells along each side when a unit cube of cells has this many tets.
     let side =
         |tets: usize, per_cell: f64| ((tets as f64 / per_cell).cbrt().round() as usize).max(1);
@@ -95,11 +105,11 @@ pub fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<
             duct([across, across, along], size, Bore::Round)
         }
         "cube" => benchmark_cube(side(tets.unwrap_or(48_000), 6.0), false),
-        "limb" => limb(tets.unwrap_or(100_000)),
+        "limb" => limb::telling(tets.unwrap_or(100_000), progress),
         "biceps" => biceps(tets.unwrap_or(8_000)),
-        "breast" => breast(tets.unwrap_or(20_000), lump),
-        "liver" => liver(tets.unwrap_or(20_000), lump),
-        "foot" => foot(tets.unwrap_or(100_000)),
+        "breast" => breast::telling(tets.unwrap_or(20_000), lump, progress),
+        "liver" => liver::telling(tets.unwrap_or(20_000), lump, progress),
+        "foot" => foot::telling(tets.unwrap_or(100_000), progress),
         _ => Err(unknown(name)),
     }
 }

@@ -1,7 +1,7 @@
 //! Solids given by a function, filled by the mesher with tets of even size.
 
-use crate::Result;
 use crate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
+use crate::{Progress, Result};
 use glam::DVec3;
 
 /// A solid in lattice units: {p : inside(p) > 0} in the box from the origin to `size`.
@@ -27,6 +27,7 @@ pub(super) fn fill_solid(
     size: DVec3,
     least: f64,
     inside: impl Fn(DVec3) -> f64 + Sync,
+    progress: Progress,
 ) -> Result<Filling> {
     let options = MeshOptions {
         spacing: Spacing::Edge(1.0),
@@ -34,7 +35,7 @@ pub(super) fn fill_solid(
         min_island: least,
         ..MeshOptions::default()
     };
-    fill(&Solid { size, inside }, &options, &|_, _| {})
+    fill(&Solid { size, inside }, &options, progress)
 }
 
 /// Which tets are of which bone so that no two bones share a node: as stiff ones, let alone rigid

@@ -12,7 +12,9 @@ mod work;
 
 use super::domain::Weighed;
 use super::stencil::Piece;
+use crate::Result;
 use crate::parallel;
+use crate::progress::Part;
 use glam::DVec3;
 use work::Work;
 
@@ -21,6 +23,9 @@ const GOAL: f64 = 0.2;
 
 /// Rounds over the bad tets.
 const ROUNDS: usize = 6;
+
+/// Tets between two looks at whether to go on.
+const LOOK: usize = 256;
 
 /// What was done to improve the shape of tets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -42,21 +47,24 @@ pub(super) fn improve(
     domain: Weighed,
     edge: f64,
     doubled: usize,
-    nodes: &mut Vec<DVec3>,
-    pieces: &mut Vec<Piece>,
-) -> OptimiserReport {
+    (nodes, pieces): (&mut Vec<DVec3>, &mut Vec<Piece>),
+    part: &Part,
+) -> Result<OptimiserReport> {
     let mut report = OptimiserReport::default();
     let mut bad = bad_tets(nodes, pieces);
     report.bad = bad.len();
     if bad.is_empty() {
-        return report;
+        return Ok(report);
     }
     let (own_nodes, own_pieces) = (std::mem::take(nodes), std::mem::take(pieces));
     let mut work = Work::new(domain, edge, doubled, own_nodes, own_pieces);
     for _ in 0..ROUNDS {
         let before = report;
-        for t in &bad {
-            work.better(*t, &mut report);
+        for some in bad.chunks(LOOK) {
+            part.check()?;
+            for t in some {
+                work.better(*t, &mut report);
+            }
         }
         bad = bad_tets(&work.nodes, &work.pieces);
         if bad.is_empty() || report == before {
@@ -66,7 +74,7 @@ pub(super) fn improve(
     report.left = bad.len();
     (*nodes, *pieces) = (work.nodes, work.pieces);
     pieces.retain(|p| p.1 != 0);
-    report
+    Ok(report)
 }
 
 /// The tets below the goal, the worst first.

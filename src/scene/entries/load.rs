@@ -1,8 +1,9 @@
 //! What acts on a body, and what it carries.
 
 use super::body::all_said;
+use crate::mesh::TriMesh;
 use crate::mesher::Window;
-use crate::scene::{Region, words};
+use crate::scene::{Given, Region, words};
 use crate::skin::Mapping;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -124,4 +125,10 @@ pub struct SkinEntry {
     pub height_map: Option<PathBuf>,
     /// How deep the height map is, in texture coordinates.
     pub height: Option<f32>,
+    /// Whether it is left out of pictures.
+    #[serde(default)]
+    pub hidden: bool,
+    /// Its surface, where it was read already.
+    #[serde(skip)]
+    pub surface: Given<TriMesh>,
 }

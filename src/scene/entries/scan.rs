@@ -1,6 +1,7 @@
 //! Scans that the body carries, as a scene file has them.
 
-use crate::scene::words;
+use crate::scene::{Given, words};
+use crate::volume::Volume;
 use serde::de::{Error as _, MapAccess, SeqAccess, Visitor, value};
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
@@ -44,6 +45,9 @@ pub struct ScanEntry {
     /// What labels look like, by name or number.
     #[serde(default)]
     pub label: BTreeMap<String, LabelLookEntry>,
+    /// The volume, where it was read already.
+    #[serde(skip)]
+    pub volume: Given<Volume>,
 }
 
 /// What a label of a scan looks like.

@@ -38,7 +38,7 @@ fn sphere(radius: f64) -> TriMesh {
 }
 
 fn made(surfaces: &[TriMesh], spacing: Spacing) -> Result<Filling> {
-    tetgen(surfaces, spacing, &|_, _| ())
+    tetgen(surfaces, spacing, &palpate::untold)
 }
 
 fn real(name: &str) -> Option<TriMesh> {

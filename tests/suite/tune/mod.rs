@@ -5,6 +5,7 @@ use palpate::gpu::Gpu;
 use palpate::scene::Scene;
 use palpate::tune::{Cost, Found, MotionPoint, Motions, Trial, cheapest};
 use std::collections::HashMap;
+use std::ops::ControlFlow;
 
 const SECONDS: f64 = 0.4;
 
@@ -119,7 +120,7 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
     let mut chosen_of_all = Vec::new();
     for (name, text) in scenes() {
         let scene = Scene::parse(&text).unwrap();
-        let motions = Motions::new(&gpu, &scene, SECONDS, Cost::Visits, &|_, _| {}).unwrap();
+        let motions = Motions::new(&gpu, &scene, SECONDS, Cost::Visits, &palpate::untold).unwrap();
         let mut table = Table {
             motions,
             costs: HashMap::new(),
@@ -129,7 +130,7 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
         let mut before: Option<Found<MotionPoint>> = None;
         for tolerance in [0.05, 0.15, 0.4] {
             table.spent = 0.0;
-            let found = cheapest(&mut table, tolerance, &|_| {}).unwrap();
+            let found = cheapest(&mut table, tolerance, &|_| ControlFlow::Continue(())).unwrap();
             let spent = table.spent;
             let (best, all) = exhaustive(&mut table, tolerance);
             println!(
@@ -165,7 +166,7 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
             before = Some(found);
         }
         // Nothing meets a tolerance of nothing, and the nearest is named.
-        let none = cheapest(&mut table, 1e-9, &|_| {}).unwrap();
+        let none = cheapest(&mut table, 1e-9, &|_| ControlFlow::Continue(())).unwrap();
         assert!(!none.met && none.error > 1e-9);
         assert!(
             none.told("motion", "ms", 1e-9)
@@ -199,7 +200,7 @@ fn a_tuned_scene_is_written_and_can_be_read() {
         fps,
         seconds: 0.4,
     };
-    let tuned = palpate::tune::tune(&gpu, &scene, &wanted(0.1, None), &|_, _| {}).unwrap();
+    let tuned = palpate::tune::tune(&gpu, &scene, &wanted(0.1, None), &palpate::untold).unwrap();
     assert!(tuned.met, "{:?}", tuned.notes);
     let to = folder.path().join("tuned.toml");
     tuned.write(&from, &to).unwrap();
@@ -213,12 +214,12 @@ fn a_tuned_scene_is_written_and_can_be_read() {
     stage.run(2, &mut |_| {}).unwrap();
     // What cannot be met is said.
     let never = wanted(1e-6, Some(1e6));
-    let tuned = palpate::tune::tune(&gpu, &scene, &never, &|_, _| {}).unwrap();
+    let tuned = palpate::tune::tune(&gpu, &scene, &never, &palpate::untold).unwrap();
     assert!(!tuned.met);
     let told = tuned.notes.join("\n");
     assert!(told.contains("would have to give"), "{told}");
     assert!(told.contains("pictures a second take"), "{told}");
     for bad in [0.0, -1.0, f64::NAN] {
-        assert!(palpate::tune::tune(&gpu, &scene, &wanted(bad, None), &|_, _| {}).is_err());
+        assert!(palpate::tune::tune(&gpu, &scene, &wanted(bad, None), &palpate::untold).is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! A desktop: the file system, dialogs of the system, threads.
 
-use super::{Chosen, OPENED, Place, Wish, foremost};
+use super::{Chosen, Place, Wish, endings, foremost};
+use crate::panel::Purpose;
 use eframe::egui;
 use palpate::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -25,13 +26,14 @@ pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
     std::path::absolute(file).map_err(Error::io(file))
 }
 
-/// Has the system's dialog ask for a file to open.
-pub(crate) fn choose_file(wish: Wish) {
+/// Has the system's dialog ask for a file.
+pub(crate) fn choose_file(wish: Wish, purpose: Purpose) {
     let dialog = rfd::AsyncFileDialog::new()
-        .set_title("Open a mesh, a volume, a surface or a scene")
-        .add_filter("All that can be opened", &OPENED)
+        .set_title(purpose.title())
+        .add_filter(purpose.hint(), endings(purpose))
         .add_filter("All files", &["*"]);
-    wait_for(dialog.pick_file(), Chosen::Open, wish);
+    let chosen = move |file| Chosen::File(purpose, file);
+    wait_for(dialog.pick_file(), chosen, wish);
 }
 
 /// Has the system's dialog ask where to save.
@@ -51,7 +53,7 @@ pub(crate) fn choose_place(place: &Place<'_>, wish: Wish) {
 /// Hands on what a dialog is closed with.
 fn wait_for(
     dialog: impl Future<Output = Option<rfd::FileHandle>> + Send + 'static,
-    chosen: fn(PathBuf) -> Chosen,
+    chosen: impl Fn(PathBuf) -> Chosen + Send + 'static,
     wish: Wish,
 ) {
     later(move || {
@@ -71,7 +73,7 @@ fn wait_for(
 pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &Wish) {
     let files = files.iter().map(|f| f.path().to_path_buf()).collect();
     if let Some(file) = foremost(files) {
-        wish.grant(Chosen::Open(file));
+        wish.grant(Chosen::File(Purpose::Open, file));
     }
 }
 

@@ -11,20 +11,37 @@ pub(crate) use desktop::*;
 #[cfg(target_arch = "wasm32")]
 pub(crate) use web::*;
 
+use crate::panel::Purpose;
 use eframe::egui;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 
 /// Endings of what can be opened.
-const OPENED: [&str; 17] = [
-    "toml", "vtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr", "nii", "gz", "mha",
-    "mhd", "stl", "ply", "obj",
+const OPENED: [&str; 18] = [
+    "toml", "pvd", "vtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr", "nii", "gz",
+    "mha", "mhd", "stl", "ply", "obj",
 ];
+
+/// Endings of what else can be chosen.
+const VOLUMES: [&str; 6] = ["nrrd", "nhdr", "nii", "gz", "mha", "mhd"];
+const SURFACES: [&str; 10] = [
+    "obj", "ply", "stl", "vtk", "nrrd", "nhdr", "nii", "gz", "mha", "mhd",
+];
+
+/// Endings of files for a purpose.
+fn endings(purpose: Purpose) -> &'static [&'static str] {
+    match purpose {
+        Purpose::Open => &OPENED,
+        Purpose::Scan => &VOLUMES,
+        Purpose::Colours(_) => &["json"],
+        Purpose::Skin => &SURFACES,
+    }
+}
 
 /// What a dialog of the system was closed with, or what was dropped.
 pub(crate) enum Chosen {
-    /// A file to open.
-    Open(PathBuf),
+    /// A file, and what it is for.
+    File(Purpose, PathBuf),
     /// Where to save what is asked for.
     Place(PathBuf),
     /// Nothing, for this reason.

@@ -1,7 +1,8 @@
 //! A browser: files that were chosen, dropped or fetched are put ready in memory, and those that are
 //! saved are downloaded. There is one thread.
 
-use super::{Chosen, OPENED, Place, Wish, foremost};
+use super::{Chosen, Place, Wish, endings, foremost};
+use crate::panel::Purpose;
 use eframe::egui;
 use js_sys::{Array, Uint8Array};
 use palpate::{Error, Result, io};
@@ -31,9 +32,9 @@ pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
 }
 
 /// Has the browser ask for files to open.
-pub(crate) fn choose_file(wish: Wish) {
+pub(crate) fn choose_file(wish: Wish, purpose: Purpose) {
     let Some(input) = file_input() else { return };
-    let endings: Vec<String> = OPENED.iter().map(|e| format!(".{e}")).collect();
+    let endings: Vec<String> = endings(purpose).iter().map(|e| format!(".{e}")).collect();
     input.set_type("file");
     input.set_multiple(true);
     input.set_accept(&endings.join(","));
@@ -55,7 +56,7 @@ pub(crate) fn choose_file(wish: Wish) {
                 }
             }
             if let Some(file) = foremost(names) {
-                wish.grant(Chosen::Open(file));
+                wish.grant(Chosen::File(purpose, file));
             }
         });
     });
@@ -91,7 +92,7 @@ pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &Wish) {
             names.push(path);
         }
         if let Some(file) = foremost(names) {
-            wish.grant(Chosen::Open(file));
+            wish.grant(Chosen::File(Purpose::Open, file));
         }
     });
 }

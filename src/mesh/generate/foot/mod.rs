@@ -12,7 +12,7 @@ use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
 use crate::mesher::Filling;
 use crate::parallel;
 use crate::volume::{Raw, Volume};
-use crate::{Error, Result};
+use crate::{Error, Progress, Result, untold};
 use anatomy::Anatomy;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeMap;
@@ -56,6 +56,11 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// # Errors
 /// Fewer than 2,000 tets, or more than 32-bit indices hold.
 pub fn foot(tets: usize) -> Result<TetMesh> {
+    telling(tets, &untold)
+}
+
+/// As [`foot`], telling how far it is.
+pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
             "a foot phantom cannot have {tets} tets; ask for 2,000 to 50,000,000"
@@ -63,9 +68,9 @@ pub fn foot(tets: usize) -> Result<TetMesh> {
     }
     let anatomy = Anatomy::new();
     let step = lattice_step(tets, TRIAL_STEPS, |step| {
-        Ok(fill(&anatomy, step)?.tets.len())
+        Ok(fill(&anatomy, step, progress)?.tets.len())
     })?;
-    let Filling { nodes, tets, .. } = fill(&anatomy, step)?;
+    let Filling { nodes, tets, .. } = fill(&anatomy, step, progress)?;
     let intensity = parallel::map(nodes.len(), |v| {
         let (outside, _, bone) = anatomy.distances(nodes[v]);
         // The field is written as 32-bit numbers.
@@ -145,11 +150,11 @@ pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
 }
 
 /// The mesh of the whole phantom on a lattice of the given step.
-fn fill(anatomy: &Anatomy, step: f64) -> Result<Filling> {
+fn fill(anatomy: &Anatomy, step: f64, progress: Progress) -> Result<Filling> {
     let place = |p: DVec3| LOW + p * step;
     let least = MAIN_PIECE / step.powi(3);
     let inside = |p: DVec3| -anatomy.outside(place(p)) / step;
-    let mut filled = fill_solid((HIGH - LOW) / step, least, inside)?;
+    let mut filled = fill_solid((HIGH - LOW) / step, least, inside, progress)?;
     filled.nodes.iter_mut().for_each(|p| *p = place(*p));
     Ok(filled)
 }

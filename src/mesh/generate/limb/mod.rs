@@ -9,7 +9,7 @@ use super::solid::{bones_apart, fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::Filling;
 use crate::parallel;
-use crate::{Error, Result};
+use crate::{Error, Progress, Result, untold};
 use anatomy::{Anatomy, Distances};
 use glam::DVec3;
 
@@ -79,6 +79,11 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// # Errors
 /// Fewer than 2,000 tets, or more than 32-bit indices hold.
 pub fn limb(tets: usize) -> Result<TetMesh> {
+    telling(tets, &untold)
+}
+
+/// As [`limb`], telling how far it is.
+pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
             "a limb phantom cannot have {tets} tets; ask for 2,000 to 50,000,000"
@@ -86,9 +91,9 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
     }
     let anatomy = Anatomy::new();
     let step = lattice_step(tets, TRIAL_STEPS, |step| {
-        Ok(fill(&anatomy, step)?.tets.len())
+        Ok(fill(&anatomy, step, progress)?.tets.len())
     })?;
-    let Filling { nodes, tets, .. } = fill(&anatomy, step)?;
+    let Filling { nodes, tets, .. } = fill(&anatomy, step, progress)?;
     let intensity = parallel::map(nodes.len(), |v| {
         let p = nodes[v];
         // The field is written as 32-bit numbers.
@@ -122,13 +127,14 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
 }
 
 /// The mesh of the whole phantom on a lattice of the given step.
-fn fill(anatomy: &Anatomy, step: f64) -> Result<Filling> {
+fn fill(anatomy: &Anatomy, step: f64, progress: Progress) -> Result<Filling> {
     // One lattice plane lies in the cut at x = 0.
     let low = DVec3::new(0.0, LOW.y / HAND_SCALE, LOW.z / HAND_SCALE);
     let high = DVec3::new(to_lattice(HIGH.x), HIGH.y / HAND_SCALE, HIGH.z / HAND_SCALE);
     let place = |p: DVec3| from_lattice(low + p * step);
     let least = MAIN_PIECE / step.powi(3);
-    let mut filled = fill_solid((high - low) / step, least, |p| -anatomy.outside(place(p)))?;
+    let inside = |p: DVec3| -anatomy.outside(place(p));
+    let mut filled = fill_solid((high - low) / step, least, inside, progress)?;
     filled.nodes.iter_mut().for_each(|p| *p = place(*p));
     Ok(filled)
 }

@@ -1,8 +1,8 @@
 //! The panel of what the body is made of and how it moves.
 
+use super::edited;
 use crate::app::App;
 use crate::document::{numbers, set};
-use crate::panels::edited;
 use eframe::egui;
 use palpate::physics::{EngineChoice, TISSUES};
 use palpate::scene::{Scene, TissueEntry};

@@ -1,0 +1,57 @@
+//! Frames of a recorded series, shown by a stage that nothing else moves.
+
+use super::Stage;
+use super::stage::Drive;
+use crate::mesh::{Field, Location};
+use crate::{Error, Result};
+use glam::DVec3;
+
+impl Stage {
+    /// Shows another state of the mesh: its nodes at `nodes`, with `fields` in place of its own. The
+    /// field that is seen keeps its range; of scans, regions and what is found of the mesh's shape
+    /// nothing changes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body that moves, for nodes or fields of another mesh, and for a frame in
+    /// which the field that is seen is not finite or lies elsewhere.
+    pub fn show_frame(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
+        let Drive::Posed(posed) = &mut self.drive else {
+            return Err(Error::Input(
+                "the body moves, so frames of a series cannot be shown; leave the solver out"
+                    .into(),
+            ));
+        };
+        posed.show(nodes, fields)?;
+        self.cached = None;
+        let name = &self.scalars.name;
+        let own = [Location::Node, Location::Cell];
+        let named = own
+            .iter()
+            .any(|at| self.drive.mesh().field(name, *at).is_some());
+        if !self.scene.scan.is_empty() || !self.scalars.regions.is_empty() || !named {
+            return Ok(());
+        }
+        let mut scene = self.scene.clone();
+        scene.picture.field = Some(name.clone());
+        let seen = scene.scalar_field(self.drive.mesh(), self.drive.topology())?;
+        if seen.cells.is_some() != self.scalars.cells.is_some() {
+            return Err(Error::Input(format!(
+                "the frame has {name} in other places than the one before"
+            )));
+        }
+        self.scalars.values = seen.values;
+        self.scalars.cells = seen.cells;
+        let (low, high) = self.scalars.range;
+        // What is the same everywhere has a colour as well.
+        let range = if low < high {
+            (low, high)
+        } else {
+            (low, low + 1.0)
+        };
+        let geometry = self.raycaster.geometry_mut();
+        geometry.set_scalars(self.drive.mesh(), self.scalars.scalars(), range)?;
+        self.raycaster.refresh_range()?;
+        let geometry = self.raycaster.geometry();
+        self.surface.set_scalars(geometry, &self.scalars.values)
+    }
+}

@@ -1,0 +1,257 @@
+//! The panels at the right, and here those of colours, light and touch.
+
+mod carried;
+mod matter;
+mod planes;
+mod regions;
+mod series;
+mod transfer;
+#[cfg(not(target_arch = "wasm32"))]
+mod tuning;
+
+pub(crate) use carried::{Purpose, Taking};
+pub(crate) use planes::plane_table;
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) use tuning::Tuning;
+
+use crate::app::App;
+use crate::ask::Saved;
+use crate::document::set;
+use eframe::egui;
+use egui_plot::{Line as Curve, Plot, PlotPoints};
+use palpate::mesh::TetMesh;
+use palpate::render::TransferFunction;
+use toml_edit::Value;
+
+/// Modes of pictures, and what they are called here.
+const MODES: [(&str, &str); 8] = [
+    ("composite", "Inside"),
+    ("surface", "Boundary"),
+    ("skin", "Skins"),
+    ("mip", "Largest value"),
+    ("minip", "Least value"),
+    ("mean", "Mean value"),
+    ("xray", "X-ray"),
+    ("thickness", "Thickness"),
+];
+
+/// What a body that moves can show of itself.
+const COMPUTED: [&str; 5] = ["displacement", "von_mises", "stress_1", "strain", "J"];
+
+impl App {
+    /// The panels at the right.
+    pub(crate) fn panels(&mut self, ui: &mut egui::Ui) {
+        let context = ui.ctx().clone();
+        egui::ScrollArea::vertical().show(ui, |ui| {
+            if self.show.is_none() {
+                ui.label("Open a mesh, a volume, a surface or a scene: drop it here, or choose File › Open.");
+                return;
+            }
+            section(ui, "Colours", true, |ui| self.colours(ui));
+            section(ui, "Regions", true, |ui| self.regions(ui));
+            section(ui, "Planes", true, |ui| self.planes(ui));
+            section(ui, "Isosurfaces", false, |ui| self.isosurfaces(ui));
+            section(ui, "Scans and skins", false, |ui| self.carried(ui));
+            section(ui, "Light", false, |ui| self.light(ui));
+            section(ui, "Touch", true, |ui| self.touching(ui, &context));
+            section(ui, "Matter and time", false, |ui| self.matter(ui, &context));
+            #[cfg(not(target_arch = "wasm32"))]
+            section(ui, "Tuning", false, |ui| self.tuning(ui, &context));
+        });
+    }
+
+    fn colours(&mut self, ui: &mut egui::Ui) {
+        let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
+            return;
+        };
+        let moves = show.stage().motion().is_some();
+        let field = show.stage().scalar_field();
+        let (name, range) = (field.name.clone(), field.range);
+        let by_region = !field.regions.is_empty() && scene.picture.transfer.is_none();
+        let mut names = scalar_fields(&show.mesh);
+        if moves {
+            names.extend(COMPUTED.map(str::to_owned));
+        }
+        let chosen = scene.picture.field.clone();
+        let mode = scene.picture.mode.unwrap_or_else(|| "composite".into());
+        let (mut picked, mut moded) = (None, None);
+        egui::Grid::new("colours").num_columns(2).show(ui, |ui| {
+            ui.label("Show");
+            let called = MODES
+                .iter()
+                .find(|(m, _)| *m == mode)
+                .map_or(mode.as_str(), |m| m.1);
+            egui::ComboBox::from_id_salt("mode")
+                .selected_text(called)
+                .show_ui(ui, |ui| {
+                    for (mode_of, called) in MODES {
+                        if ui.selectable_label(mode_of == mode, called).clicked() {
+                            moded = Some(mode_of);
+                        }
+                    }
+                });
+            ui.end_row();
+            ui.label("Field");
+            egui::ComboBox::from_id_salt("field")
+                .selected_text(name)
+                .show_ui(ui, |ui| {
+                    if ui
+                        .selectable_label(chosen.is_none(), "what suits the body")
+                        .clicked()
+                    {
+                        picked = Some(None);
+                    }
+                    for field in &names {
+                        if ui
+                            .selectable_label(chosen.as_ref() == Some(field), field)
+                            .clicked()
+                        {
+                            picked = Some(Some(field.clone()));
+                        }
+                    }
+                });
+            ui.end_row();
+            ui.label("Colours");
+            egui::ComboBox::from_id_salt("preset")
+                .selected_text("take a preset")
+                .show_ui(ui, |ui| {
+                    for preset in TransferFunction::preset_names() {
+                        if ui.button(preset).clicked() {
+                            self.edit_looks("transfer", |t| {
+                                set(t, "picture", "transfer", Some(Value::from(preset)));
+                            });
+                            ui.close();
+                        }
+                    }
+                });
+            ui.end_row();
+        });
+        if let Some(mode) = moded {
+            self.edit_looks("mode", |t| {
+                set(t, "picture", "mode", Some(Value::from(mode)))
+            });
+        }
+        if let Some(field) = picked {
+            self.edit_looks("field", |t| {
+                set(t, "picture", "field", field.map(Value::from))
+            });
+        }
+        match (scene.scan.is_empty(), by_region) {
+            (true, false) => self.transfer_editor(ui, range),
+            (false, _) => {
+                ui.label("Scans have the colours that their scene gives them");
+            }
+            (_, true) => {
+                ui.label("A colour a region; take a field or a preset to show values");
+            }
+        }
+    }
+
+    fn light(&mut self, ui: &mut egui::Ui) {
+        let Some(scene) = self.scene() else { return };
+        let mut lit = scene.light.from != Some(palpate::render::Light::None);
+        if ui.checkbox(&mut lit, "Light").changed() {
+            let from = if lit { "head" } else { "none" };
+            self.edit_looks("light", |t| {
+                set(t, "light", "from", Some(Value::from(from)))
+            });
+        }
+        let mut shadows = scene.light.shadows.unwrap_or(0.0);
+        let slider = egui::Slider::new(&mut shadows, 0.0..=1.0).text("shadows");
+        if ui.add_enabled(lit, slider).changed() {
+            let shadows = Some(Value::from(shadows)).filter(|_| shadows > 0.0);
+            self.edit_looks("shadows", |t| set(t, "light", "shadows", shadows));
+        }
+    }
+
+    fn touching(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
+        let Some(show) = &self.show else { return };
+        if let Some(why) = show.cannot_press() {
+            ui.label(format!("It cannot be pressed on: {why}"));
+        }
+        let mm = 1e3 * show.unit;
+        let (before, most) = (mm * show.radius, 0.25 * mm * show.diagonal());
+        let mut chosen = None;
+        ui.horizontal(|ui| {
+            ui.label("Radius");
+            let (range, speed) = (0.01 * most..=most, 0.005 * most);
+            chosen = edited(ui, "radius", before, (range, speed, " mm"));
+        });
+        if let Some(radius) = chosen {
+            self.restart(Some(radius / mm), None, context);
+        }
+        let cut_depth = &mut self.cut_depth;
+        ui.horizontal(|ui| {
+            ui.label("Cuts go");
+            let mut percent = 100.0 * *cut_depth;
+            ui.add(
+                egui::DragValue::new(&mut percent)
+                    .range(1.0..=100.0)
+                    .suffix(" %"),
+            );
+            *cut_depth = 0.01 * percent;
+            ui.label("of the body deep");
+        });
+        let Some(show) = &self.show else { return };
+        let points: PlotPoints<'_> = show
+            .samples
+            .iter()
+            .map(|s| [1e3 * s.depth_m, s.force_n])
+            .collect();
+        Plot::new("press")
+            .height(130.0)
+            .x_axis_label("depth, mm")
+            .y_axis_label("force, N")
+            .allow_scroll(false)
+            .show(ui, |plot| plot.line(Curve::new("press", points)));
+        let measured = !show.samples.is_empty();
+        if ui
+            .add_enabled(measured, egui::Button::new("Save as CSV…"))
+            .clicked()
+        {
+            self.ask_place(Saved::Press);
+        }
+    }
+}
+
+fn section(ui: &mut egui::Ui, name: &str, open: bool, add: impl FnOnce(&mut egui::Ui)) {
+    egui::CollapsingHeader::new(name)
+        .default_open(open)
+        .show(ui, add);
+}
+
+/// A number that is dragged or typed: what it was changed to, once that is done.
+pub(crate) fn edited(
+    ui: &mut egui::Ui,
+    name: &str,
+    value: f64,
+    (range, speed, unit): (std::ops::RangeInclusive<f64>, f64, &str),
+) -> Option<f64> {
+    let id = ui.make_persistent_id(name);
+    let mut now = ui.data(|d| d.get_temp::<f64>(id)).unwrap_or(value);
+    let field = egui::DragValue::new(&mut now)
+        .range(range)
+        .clamp_existing_to_range(false)
+        .speed(speed)
+        .suffix(unit);
+    let response = ui.add(field);
+    let done = response.drag_stopped() || response.lost_focus();
+    match done || !(response.dragged() || response.has_focus()) {
+        true => ui.data_mut(|d| d.remove::<f64>(id)),
+        false => {
+            ui.data_mut(|d| d.insert_temp(id, now));
+        }
+    }
+    (done && now != value).then_some(now)
+}
+
+/// The fields of one number.
+fn scalar_fields(mesh: &TetMesh) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for field in mesh.fields.iter().filter(|f| f.components == 1) {
+        if !names.contains(&field.name) {
+            names.push(field.name.clone());
+        }
+    }
+    names
+}

@@ -1,0 +1,163 @@
+//! The panel of regions: shown or hidden, each in a colour and an opacity of its own.
+
+use crate::app::App;
+use eframe::egui::{self, Color32, Pos2, Sense};
+use palpate::mesh::{Location, TetMesh};
+use palpate::scene::RegionLookEntry;
+use toml_edit::{Item, Table, Value};
+
+impl App {
+    pub(super) fn regions(&mut self, ui: &mut egui::Ui) {
+        let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
+            return;
+        };
+        let regions = regions_of(&show.mesh);
+        if regions.is_empty() {
+            ui.label("The mesh has none");
+            return;
+        }
+        let looks = scene.picture.region;
+        // By name in any case, or by label.
+        let look_of = |name: &String| {
+            let mut all = looks.iter();
+            all.find(|(said, _)| is_called(&show.mesh, name, said))
+        };
+        let field = show.stage().scalar_field();
+        let transfer = show.stage().transfer();
+        // What a region is drawn in where nothing is said of it.
+        let drawn = |name: &String| {
+            let (_, scalar) = field.regions.iter().find(|(own, _)| own == name)?;
+            let [r, g, b] = transfer
+                .colour(*scalar)
+                .map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8);
+            Some(Color32::from_rgb(r, g, b))
+        };
+        let hidden = |name: &String| {
+            let hide = scene.picture.hide.iter();
+            let mut said = hide.filter(|said| is_called(&show.mesh, name, said));
+            said.next().is_some() || look_of(name).is_some_and(|(_, look)| look.hidden)
+        };
+        let known = show.mesh.clone();
+        let mut change: Option<(String, RegionLookEntry)> = None;
+        for name in &regions {
+            let mut look = look_of(name)
+                .map(|(_, look)| look.clone())
+                .unwrap_or_default();
+            look.hidden = hidden(name);
+            ui.horizontal(|ui| {
+                if eye(ui, !look.hidden)
+                    .on_hover_text("Show or hide")
+                    .clicked()
+                {
+                    look.hidden = !look.hidden;
+                    change = Some((name.clone(), look.clone()));
+                }
+                let colour = look
+                    .colour
+                    .as_deref()
+                    .and_then(|c| Color32::from_hex(c).ok());
+                let mut own = colour.or(drawn(name)).unwrap_or(Color32::GRAY);
+                if ui.color_edit_button_srgba(&mut own).changed() {
+                    let [r, g, b, _] = own.to_array();
+                    look.colour = Some(format!("#{r:02x}{g:02x}{b:02x}"));
+                    change = Some((name.clone(), look.clone()));
+                }
+                if look.colour.is_some() {
+                    let mut opacity = look.opacity.unwrap_or(0.9);
+                    let slider = egui::DragValue::new(&mut opacity)
+                        .range(0.0..=1.0)
+                        .speed(0.01);
+                    if ui
+                        .add(slider)
+                        .on_hover_text("Opacity of a ray's mean way through it")
+                        .changed()
+                    {
+                        look.opacity = Some(opacity);
+                        change = Some((name.clone(), look.clone()));
+                    }
+                }
+                ui.label(name);
+            });
+        }
+        if let Some((name, look)) = change {
+            let key = look_of(&name).map_or_else(|| name.clone(), |(key, _)| key.clone());
+            self.edit_looks(&format!("region {name}"), |t| {
+                let picture = t.entry("picture").or_insert(Item::Table(Table::new()));
+                let Some(picture) = picture.as_table_like_mut() else {
+                    return;
+                };
+                if let Some(hide) = picture.get_mut("hide").and_then(Item::as_array_mut) {
+                    hide.retain(|other| {
+                        let said = other.as_str().map(str::to_owned);
+                        let said = said.or(other.as_integer().map(|label| label.to_string()));
+                        !said.is_some_and(|said| is_called(&known, &name, &said))
+                    });
+                }
+                let all = picture.entry("region").or_insert(Item::Table(Table::new()));
+                let Some(all) = all.as_table_like_mut() else {
+                    return;
+                };
+                let mut own = Table::new();
+                let texts = [("transfer", look.transfer), ("colour", look.colour)];
+                for (key, text) in texts.into_iter().filter_map(|(k, t)| t.map(|t| (k, t))) {
+                    own.insert(key, Item::Value(Value::from(text)));
+                }
+                if let Some(opacity) = look.opacity {
+                    own.insert("opacity", Item::Value(Value::from(opacity)));
+                }
+                if look.hidden {
+                    own.insert("hidden", Item::Value(Value::from(true)));
+                }
+                match own.is_empty() {
+                    true => all.remove(&key),
+                    false => all.insert(&key, Item::Table(own)),
+                };
+            });
+        }
+    }
+}
+
+/// A button that is an open eye, or a closed one.
+pub(super) fn eye(ui: &mut egui::Ui, open: bool) -> egui::Response {
+    let (rect, response) = ui.allocate_exact_size(egui::vec2(22.0, 16.0), Sense::click());
+    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, "shown"));
+    let line = ui.style().interact(&response).fg_stroke;
+    let (middle, half) = (rect.center(), egui::vec2(9.0, 4.5));
+    let arc = |up: f32| {
+        let points = (0..=12).map(|n| {
+            let x = n as f32 / 6.0 - 1.0;
+            middle + egui::vec2(half.x * x, -up * half.y * (1.0 - x * x))
+        });
+        points.collect::<Vec<Pos2>>()
+    };
+    let painter = ui.painter();
+    painter.line(arc(-1.0), line);
+    if open {
+        painter.line(arc(1.0), line);
+        painter.circle_filled(middle, 2.6, line.color);
+    }
+    response
+}
+
+/// The regions of a mesh, by name or number.
+fn regions_of(mesh: &TetMesh) -> Vec<String> {
+    let field = mesh.region_field().filter(|f| f.location == Location::Cell);
+    let Some(field) = field else {
+        return Vec::new();
+    };
+    let labels: std::collections::BTreeSet<i64> = field.values.iter().map(|v| *v as i64).collect();
+    let name = |label: i64| {
+        mesh.region_names
+            .get(&label)
+            .cloned()
+            .unwrap_or_else(|| label.to_string())
+    };
+    labels.into_iter().map(name).collect()
+}
+
+/// Whether a scene that says `said` means the region `name`: names in any case, or labels.
+fn is_called(mesh: &TetMesh, name: &str, said: &str) -> bool {
+    let mut labels = mesh.region_names.iter();
+    said.eq_ignore_ascii_case(name)
+        || labels.any(|(label, own)| own == name && said == label.to_string())
+}

@@ -1,0 +1,485 @@
+//! A recorded series: its frames, and how they go by.
+
+use crate::loading::Work;
+use crate::show::Show;
+use eframe::egui;
+use glam::DVec3;
+use palpate::annotate::FrameTime;
+use palpate::mesh::{Field, TetMesh};
+use palpate::scene::Scene;
+use palpate::{Error, Progress, Result, io};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Bytes of frames that are kept; those beyond are read again when they are shown.
+const KEPT: usize = 1 << 30;
+/// Frames a second of a series whose times say nothing.
+const FPS: f64 = 12.0;
+/// No more time goes by between two looks.
+const LONGEST: f64 = 0.5;
+
+/// A frame of a series.
+pub struct Frame {
+    nodes: Vec<DVec3>,
+    fields: Vec<Field>,
+}
+
+/// What is known of a frame.
+struct Entry {
+    /// Since the first one, s.
+    time: f64,
+    file: PathBuf,
+    kept: Option<Arc<Frame>>,
+}
+
+/// A recorded series of one mesh.
+pub struct Series {
+    entries: Vec<Entry>,
+    /// Of every field, by its name: what it is in any frame, of vectors their length.
+    ranges: BTreeMap<String, (f64, f64)>,
+    /// All that any frame lies in.
+    bounds: (DVec3, DVec3),
+    /// The first frame's time, s; none where times say nothing.
+    began: Option<f64>,
+}
+
+impl Series {
+    /// Reads all frames of a `.pvd`, telling how many; and the mesh of the first.
+    ///
+    /// # Errors
+    /// What reading gives; [`Error::Format`] for a series without frames, or whose frames are not of one
+    /// mesh; [`Error::Cancelled`].
+    pub fn read(file: &Path, progress: Progress) -> Result<(Series, TetMesh)> {
+        Series::read_keeping(file, KEPT, progress)
+    }
+
+    fn read_keeping(file: &Path, most: usize, progress: Progress) -> Result<(Series, TetMesh)> {
+        let listed = io::read_pvd(file)?;
+        let Some(first) = listed.first() else {
+            return Err(Error::format(file, "the series has no frames"));
+        };
+        let began = first.time;
+        let rises = listed.windows(2).all(|two| two[0].time < two[1].time);
+        let mut mesh: Option<TetMesh> = None;
+        let mut series = Series {
+            entries: Vec::new(),
+            ranges: BTreeMap::new(),
+            bounds: (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            began: rises.then_some(began),
+        };
+        let (count, mut bytes) = (listed.len(), 0);
+        for (n, listed) in listed.into_iter().enumerate() {
+            let told = format!("frame {} of {count}", n + 1);
+            if progress(&told, n as f64 / count as f64).is_break() {
+                return Err(Error::Cancelled);
+            }
+            let read = io::read(&listed.file)?;
+            if let Some(mesh) = &mesh {
+                check_same(mesh, &read, &listed.file)?;
+            }
+            let (low, high) = read.bounds();
+            series.bounds = (series.bounds.0.min(low), series.bounds.1.max(high));
+            for field in &read.fields {
+                series.note(field);
+            }
+            mesh.get_or_insert_with(|| read.clone());
+            let frame = Frame::of(read);
+            bytes += frame.bytes();
+            series.entries.push(Entry {
+                time: match rises {
+                    true => listed.time - began,
+                    false => n as f64 / FPS,
+                },
+                file: listed.file,
+                kept: (bytes <= most).then(|| Arc::new(frame)),
+            });
+        }
+        Ok((series, mesh.unwrap_or_default()))
+    }
+
+    /// Widens what is known of a field.
+    fn note(&mut self, field: &Field) {
+        let lengths = field.values.chunks_exact(field.components.max(1));
+        let lengths = lengths.map(|tuple| match tuple {
+            [one] => *one,
+            all => all.iter().map(|x| x * x).sum::<f64>().sqrt(),
+        });
+        let known = self.ranges.entry(field.name.clone());
+        let known = known.or_insert((f64::INFINITY, f64::NEG_INFINITY));
+        *known = lengths
+            .filter(|x| x.is_finite())
+            .fold(*known, |(a, b), x| (a.min(x), b.max(x)));
+    }
+
+    /// How many frames there are.
+    pub fn count(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// When a frame is, s.
+    pub fn time(&self, frame: usize) -> f64 {
+        let time = self.entries.get(frame).map_or(0.0, |e| e.time);
+        time + self.began.unwrap_or(0.0)
+    }
+
+    /// The file of a frame.
+    pub fn file(&self, frame: usize) -> Option<&Path> {
+        self.entries.get(frame).map(|e| e.file.as_path())
+    }
+
+    /// What a field is in any frame.
+    pub fn range(&self, field: &str) -> Option<(f64, f64)> {
+        self.ranges
+            .get(field)
+            .copied()
+            .filter(|(low, high)| low < high)
+    }
+
+    /// The last frame that has begun so long after the first, s.
+    fn at(&self, time: f64) -> usize {
+        let begun = self.entries.partition_point(|e| e.time <= time);
+        begun.saturating_sub(1)
+    }
+}
+
+/// Refuses a frame of another mesh.
+fn check_same(mesh: &TetMesh, frame: &TetMesh, file: &Path) -> Result<()> {
+    if frame.tets == mesh.tets && frame.nodes.len() == mesh.nodes.len() {
+        return Ok(());
+    }
+    Err(Error::format(
+        file,
+        format!(
+            "is no frame of the same mesh: it has {} tets and {} nodes, the first frame {} and {}; a body that is cut has another mesh from then on, so open what comes after as a series of its own",
+            frame.tets.len(),
+            frame.nodes.len(),
+            mesh.tets.len(),
+            mesh.nodes.len()
+        ),
+    ))
+}
+
+impl Frame {
+    fn of(mesh: TetMesh) -> Frame {
+        Frame {
+            nodes: mesh.nodes,
+            fields: mesh.fields,
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        let values: usize = self.fields.iter().map(|f| f.values.len()).sum();
+        24 * self.nodes.len() + 8 * values
+    }
+}
+
+/// A series that is shown.
+pub struct Player {
+    series: Arc<Series>,
+    /// The frame that is shown, and the one that is to be.
+    shown: usize,
+    wanted: usize,
+    /// Since the first frame, s.
+    clock: f64,
+    reading: Option<(usize, Work<Frame>)>,
+    /// What is woken by a frame that was read.
+    context: egui::Context,
+}
+
+impl Player {
+    pub(crate) fn new(series: Arc<Series>) -> Player {
+        Player {
+            series,
+            shown: 0,
+            wanted: 0,
+            clock: 0.0,
+            reading: None,
+            context: egui::Context::default(),
+        }
+    }
+
+    /// The series.
+    pub fn series(&self) -> &Arc<Series> {
+        &self.series
+    }
+
+    /// The frame that is shown.
+    pub fn shown(&self) -> usize {
+        self.shown
+    }
+
+    /// The frame that is to be shown.
+    pub fn wanted(&self) -> usize {
+        self.wanted
+    }
+
+    /// Shows a frame next, the last where there are not so many.
+    pub fn seek(&mut self, frame: usize) {
+        self.wanted = frame.min(self.series.count() - 1);
+        self.clock = self.series.entries[self.wanted].time;
+    }
+
+    /// Whether no frame follows.
+    pub fn at_end(&self) -> bool {
+        self.wanted + 1 == self.series.count()
+    }
+
+    /// Has the interface woken by frames that were read.
+    pub(crate) fn wake(&mut self, context: &egui::Context) {
+        self.context = context.clone();
+    }
+
+    /// Has time go by, s; whether any is left.
+    fn pass(&mut self, seconds: f64) -> bool {
+        self.clock += seconds.min(LONGEST);
+        self.wanted = self.series.at(self.clock);
+        !self.at_end()
+    }
+
+    /// The time until the next frame, s.
+    fn until_next(&self) -> Option<f64> {
+        let next = self.series.entries.get(self.wanted + 1)?;
+        Some((next.time - self.clock).max(0.0))
+    }
+
+    /// The frame that is to be shown, once it is there and another is shown.
+    fn next(&mut self) -> Result<Option<(usize, Arc<Frame>)>> {
+        if let Some((frame, work)) = &self.reading
+            && let Some(read) = work.ready()
+        {
+            let frame = *frame;
+            self.reading = None;
+            return Ok(Some((frame, Arc::new(read?))));
+        }
+        if self.wanted == self.shown {
+            return Ok(None);
+        }
+        let entry = &self.series.entries[self.wanted];
+        if let Some(kept) = &entry.kept {
+            return Ok(Some((self.wanted, kept.clone())));
+        }
+        if self.reading.is_none() {
+            let (file, series) = (entry.file.clone(), self.series.clone());
+            let first = series.entries[0].kept.clone();
+            let work = Work::begin("reading", &self.context, move |_| {
+                let frame = Frame::of(io::read(&file)?);
+                match first.is_none_or(|first| first.nodes.len() == frame.nodes.len()) {
+                    true => Ok(frame),
+                    false => Err(Error::format(
+                        &file,
+                        "has changed since the series was opened",
+                    )),
+                }
+            });
+            self.reading = Some((self.wanted, work));
+        }
+        Ok(None)
+    }
+}
+
+impl Show {
+    /// The first frame of a series whose mesh is `mesh`.
+    ///
+    /// # Errors
+    /// As [`Stage::with_mesh`](palpate::scene::Stage::with_mesh).
+    pub fn of_series(
+        gpu: &palpate::gpu::Gpu,
+        scene: &Scene,
+        mesh: Arc<TetMesh>,
+        series: Arc<Series>,
+    ) -> Result<Show> {
+        let mut show = Show::still(gpu, scene, mesh)?;
+        show.bounds = series.bounds;
+        show.player = Some(Player::new(series));
+        show.widen(scene)?;
+        let (low, high) = show.bounds;
+        let corners = (0..8).map(|k| {
+            let pick = |axis: usize| [low, high][k >> axis & 1][axis];
+            DVec3::new(pick(0), pick(1), pick(2))
+        });
+        show.stage_mut().frame(&corners.collect::<Vec<_>>())?;
+        Ok(show)
+    }
+
+    /// The scene with the range of what is shown over the whole series, where it says none.
+    pub(crate) fn in_series(&self, scene: &Scene) -> Option<Scene> {
+        let series = &self.player.as_ref()?.series;
+        let field = self.stage().scalar_field();
+        let (low, high) = series.range(&field.name)?;
+        let own = scene.picture.range.is_some() || !field.regions.is_empty();
+        let scan = !scene.scan.is_empty();
+        if own || scan || field.range == (low, high) {
+            return None;
+        }
+        let mut scene = scene.clone();
+        scene.picture.range = Some([low, high]);
+        Some(scene)
+    }
+
+    /// Shows what the series has come to, `seconds` after the last look.
+    pub(crate) fn play_series(&mut self, seconds: f64) {
+        let (playing, seconds) = (self.playing, self.speed * seconds);
+        let Some(player) = &mut self.player else {
+            return;
+        };
+        if playing && player.reading.is_none() {
+            self.playing = player.pass(seconds);
+        }
+        let shown = player.next();
+        let series = player.series.clone();
+        match shown {
+            Ok(Some((frame, what))) => {
+                player.shown = frame;
+                let (seconds, before) = (series.time(frame), series.time(frame.saturating_sub(1)));
+                let resolution = (seconds - before).abs();
+                self.steps += 1;
+                let stage = self.stage_mut();
+                if let Err(why) = stage.show_frame(&what.nodes, &what.fields) {
+                    self.playing = false;
+                    self.remark = Some(format!("frame {}: {why}", frame + 1));
+                    return;
+                }
+                stage.tell_time(FrameTime {
+                    seconds,
+                    resolution,
+                });
+            }
+            Ok(None) => {}
+            Err(why) => {
+                player.wanted = player.shown;
+                self.playing = false;
+                self.remark = Some(why.to_string());
+            }
+        }
+    }
+
+    /// When the series is to be looked at again, where nothing calls before.
+    pub(crate) fn next_frame(&self) -> Option<Duration> {
+        let player = self.player.as_ref()?;
+        if player.reading.is_some() {
+            return None;
+        }
+        if player.wanted != player.shown {
+            return Some(Duration::ZERO);
+        }
+        let left = player.until_next().filter(|_| self.playing)?;
+        Some(Duration::from_secs_f64(
+            (left / self.speed).clamp(1e-3, 1.0),
+        ))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use palpate::gpu::Gpu;
+    use palpate::io::PvdSeries;
+    use palpate::mesh::Location;
+    use palpate::mesh::generate::bar_of_about;
+    use std::time::Instant;
+
+    /// A bar that goes up, and whose nodes have another number in each frame.
+    fn recorded(folder: &Path) -> (PathBuf, TetMesh) {
+        let mesh = bar_of_about(100, DVec3::new(0.12, 0.06, 0.06)).unwrap();
+        let mut series = PvdSeries::create(folder, "bar").unwrap();
+        for k in 0..4 {
+            let nodes: Vec<DVec3> = mesh
+                .nodes
+                .iter()
+                .map(|p| *p + 0.01 * f64::from(k) * DVec3::Z)
+                .collect();
+            let values = nodes.iter().map(|p| f64::from(k) + p.x).collect();
+            let field = Field::scalar("heat", Location::Node, values);
+            series
+                .push_deformed(0.1 * f64::from(k), &mesh, &nodes, &[field])
+                .unwrap();
+        }
+        (series.path(), mesh)
+    }
+
+    fn shown(show: &mut Show, frame: usize) {
+        show.player.as_mut().unwrap().seek(frame);
+        let until = Instant::now() + Duration::from_secs(30);
+        while show.player.as_ref().unwrap().shown() != frame {
+            show.tick(web_time::Instant::now());
+            assert!(Instant::now() < until, "{:?}", show.remark);
+        }
+        assert!(show.remark.is_none(), "{:?}", show.remark);
+    }
+
+    #[test]
+    fn frames_have_their_own_places_and_fields() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, mesh) = recorded(folder.path());
+        let gpu = Gpu::new().unwrap();
+        // With all frames in memory, and with none.
+        for most in [KEPT, 0] {
+            let (series, first) = Series::read_keeping(&file, most, &palpate::untold).unwrap();
+            assert_eq!(series.count(), 4);
+            let (low, high) = series.range("heat").unwrap();
+            assert!(
+                low.abs() < 1e-9 && (high - 3.12).abs() < 1e-6,
+                "{low} {high}"
+            );
+            let scene =
+                Scene::parse("[picture]\nfield = \"heat\"\ntransfer = \"viridis\"\n").unwrap();
+            let mut show =
+                Show::of_series(&gpu, &scene, Arc::new(first), Arc::new(series)).unwrap();
+            assert_eq!(show.stage().scalar_field().range, (low, high));
+            for frame in [2, 0, 3, 1] {
+                shown(&mut show, frame);
+                let x = show.stage().drawn_positions().unwrap();
+                let up = x[0].z - mesh.nodes[0].z;
+                assert!((up - 0.01 * frame as f64).abs() < 1e-6, "{frame}: {up}");
+                let heat = &show.stage().scalar_field().values;
+                assert!((heat[0] - frame as f64 - mesh.nodes[0].x).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn time_goes_by_as_it_was_recorded_and_ends() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, _) = recorded(folder.path());
+        let (series, _) = Series::read(&file, &palpate::untold).unwrap();
+        let mut player = Player::new(Arc::new(series));
+        assert!(player.pass(0.15));
+        assert_eq!(player.wanted(), 1);
+        assert!((player.until_next().unwrap() - 0.05).abs() < 1e-9);
+        assert!(player.pass(0.1) && player.wanted() == 2);
+        assert!(!player.pass(0.1) && player.at_end());
+        player.seek(1);
+        assert!((player.clock - 0.1).abs() < 1e-9);
+        player.seek(99);
+        assert_eq!(player.wanted(), 3);
+    }
+
+    #[test]
+    fn frames_of_another_mesh_and_a_series_without_any_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, _) = recorded(folder.path());
+        let other = bar_of_about(300, DVec3::new(0.12, 0.06, 0.06)).unwrap();
+        io::write(folder.path().join("bar_00002.vtu"), &other).unwrap();
+        let said = Series::read(&file, &palpate::untold)
+            .map(|_| ())
+            .unwrap_err();
+        assert!(
+            said.to_string()
+                .contains("bar_00002.vtu: is no frame of the same mesh"),
+            "{said}"
+        );
+        PvdSeries::create(folder.path(), "none").unwrap();
+        let none = Series::read(&folder.path().join("none.pvd"), &palpate::untold);
+        assert!(
+            none.map(|_| ())
+                .unwrap_err()
+                .to_string()
+                .contains("no frames")
+        );
+        let stopped = Series::read(&file, &|_, _| std::ops::ControlFlow::Break(()));
+        assert!(matches!(stopped, Err(Error::Cancelled)));
+    }
+}
