@@ -13,6 +13,7 @@ mod editing;
 pub mod examples;
 mod hand;
 mod histogram;
+mod kept;
 pub mod loading;
 pub mod log;
 mod matter;
