@@ -165,6 +165,23 @@ impl Camera {
         }
     }
 
+    /// Whether a picture of `size` pixels shows nothing of a ball (middle, radius) for certain.
+    pub(crate) fn misses(&self, (middle, radius): (DVec3, f64), size: [u32; 2]) -> bool {
+        let [width, height] = size.map(f64::from);
+        let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
+        let rays = corners.map(|[x, y]| self.ray(DVec2::new(x, y), size));
+        let inside = self.ray(0.5 * DVec2::new(width, height), size);
+        let inside = inside.origin + inside.direction;
+        (0..4).any(|k| {
+            let (ray, next) = (rays[k], rays[(k + 1) % 4]);
+            // Out of the side that both rays lie in.
+            let over = next.origin + next.direction - ray.origin;
+            let out = ray.direction.cross(over).normalize_or_zero();
+            let out = out * -out.dot(inside - ray.origin).signum();
+            out.dot(middle - ray.origin) > 1.001 * radius
+        })
+    }
+
     /// The camera's axes as unit vectors, and half the height of its view.
     pub(crate) fn axes(&self) -> Axes {
         let forward = (self.look_at - self.eye).normalize();
@@ -240,6 +257,36 @@ mod tests {
         let bottom = camera.ray(DVec2::new(50.0, 100.0), [100, 100]);
         assert!(((top.origin - bottom.origin).length() - 4.0).abs() < 1e-12);
         assert_eq!(top.direction, bottom.direction);
+    }
+
+    #[test]
+    fn balls_are_missed_where_no_ray_meets_them() {
+        let size = [160, 90];
+        let (eye, to) = (DVec3::new(3.0, 2.0, 5.0), DVec3::new(0.5, -0.2, 0.1));
+        let cameras = [
+            Camera::perspective(eye, to, DVec3::Y, 40.0),
+            Camera::orthographic(eye, to, DVec3::Y, 3.0),
+        ];
+        let mut missed = [0; 2];
+        for camera in cameras {
+            for n in 0..400 {
+                let turn = |k: f64| (f64::from(n) * k).sin();
+                let middle = to + 6.0 * DVec3::new(turn(1.7), turn(2.9), turn(4.3));
+                let ball = (middle, 0.2 + 0.1 * turn(0.7));
+                let met = (0..40 * 24).any(|p| {
+                    let pixel = DVec2::new(f64::from(p % 40), f64::from(p / 40));
+                    let ray = camera.ray(pixel * DVec2::new(160.0 / 39.0, 90.0 / 23.0), size);
+                    let along = (ball.0 - ray.origin).dot(ray.direction);
+                    let near = ray.origin + along.max(0.0) * ray.direction;
+                    near.distance(ball.0) <= ball.1
+                });
+                let misses = camera.misses(ball, size);
+                assert!(!(met && misses), "{camera:?} {ball:?}");
+                missed[usize::from(misses)] += 1;
+            }
+        }
+        // Most are beside the picture, some are not.
+        assert!(missed[0] > 20 && missed[1] > 200, "{missed:?}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The pictures of a stage: drawn where the body is now, kept while nothing changes.
 
+use super::drawn_tool::DrawnTool;
 use super::picture::DisplayMode;
 use super::stage::{Drive, Stage};
 use crate::gpu::{Pending, Recorder};
@@ -168,10 +169,25 @@ impl Stage {
             occluder: None,
             background,
         };
-        let camera = &self.camera;
-        let bare = self.skins.is_empty() && self.tools.is_empty();
+        let size = [colour.texture().width(), colour.texture().height()];
+        // Tools that are put away cost nothing.
+        let seen = |tool: &DrawnTool| tool.is_in_view(&self.camera, size);
+        let seen: Vec<bool> = self.tools.iter().map(seen).collect();
+        let has_tools = seen.contains(&true);
         let shows = self.raycaster.inside().shows_surfaces();
-        let tools = self.tools.iter_mut().map(|tool| &mut tool.skin);
+        if self.mode == DisplayMode::Surface && !(shows || has_tools) {
+            let depth = self.depth_for(colour)?;
+            let target = SurfaceTarget {
+                colour,
+                depth: &depth,
+                background,
+            };
+            return self.surface.record(work, &self.camera, &target);
+        }
+        let camera = &self.camera;
+        let bare = self.skins.is_empty() && !has_tools;
+        let tools = self.tools.iter_mut().zip(seen);
+        let tools = tools.filter_map(|(tool, seen)| seen.then_some(&mut tool.skin));
         match self.mode {
             DisplayMode::Skin => {
                 let all = self.skins.iter_mut().chain(tools);
@@ -183,20 +199,11 @@ impl Stage {
                 self.composer.record(work, all, inside, camera, &target)
             }
             DisplayMode::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
-            DisplayMode::Surface if shows || tools.len() > 0 => {
+            DisplayMode::Surface => {
                 let surface = (&mut self.surface, tools);
                 let inside = shows.then_some(&mut self.raycaster);
                 self.composer
                     .record_boundary(work, surface, inside, camera, &target)
-            }
-            DisplayMode::Surface => {
-                let depth = self.depth_for(colour)?;
-                let target = SurfaceTarget {
-                    colour,
-                    depth: &depth,
-                    background,
-                };
-                self.surface.record(work, &self.camera, &target)
             }
         }
     }

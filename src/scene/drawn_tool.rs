@@ -6,7 +6,7 @@ use crate::Result;
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::physics::ToolPose;
-use crate::render::local_positions;
+use crate::render::{Camera, local_positions};
 use crate::skin::{Carrier, Skin};
 use glam::DVec3;
 
@@ -18,6 +18,8 @@ pub(super) struct DrawnTool {
     vertices: Vec<DVec3>,
     positions: Array,
     frame: LocalFrame,
+    /// Middle and radius of a ball around it, in the tool's frame.
+    ball: (DVec3, f64),
     /// Where it is drawn.
     pose: ToolPose,
     pub skin: Skin,
@@ -40,8 +42,12 @@ impl DrawnTool {
             let carrier = Carrier::with_area_normals(gpu, &positions, frame, &places, triangles)?;
             let mut skin = Skin::bare(gpu, &carrier, None)?;
             look(&scene.tool[number], &mut skin)?;
+            let (low, high) = crate::mesh::bounds(&surface.vertices);
+            let middle = 0.5 * (low + high);
+            let away = surface.vertices.iter().map(|p| p.distance(middle));
             drawn.push(DrawnTool {
                 number,
+                ball: (middle, away.fold(0.0, f64::max)),
                 vertices: surface.vertices,
                 positions,
                 frame,
@@ -50,6 +56,12 @@ impl DrawnTool {
             });
         }
         Ok(drawn)
+    }
+
+    /// Whether any of it may be seen in a picture of that size.
+    pub fn is_in_view(&self, camera: &Camera, size: [u32; 2]) -> bool {
+        let (middle, radius) = self.ball;
+        !camera.misses((self.pose.of_point(middle), radius), size)
     }
 
     /// Brings it to where its tool is. Whether it was elsewhere.

@@ -1,10 +1,12 @@
 //! The window: what is open, and a frame of the interface.
 
 use crate::ask::Ask;
+use crate::blit::Presented;
 use crate::document::Document;
 use crate::examples::Example;
 use crate::hand::{Area, Hand, Stroke};
 use crate::histogram::Histogram;
+use crate::kept::Kept;
 use crate::loading::Loading;
 use crate::log::{Frame, FrameLog, memory_mb};
 use crate::opening::Watched;
@@ -158,16 +160,55 @@ pub struct App {
     trouble: Arc<Mutex<Trouble>>,
     /// Bodies that were opened.
     pub(crate) opened: u64,
-    frames: Frames,
+    pub(crate) frames: Frames,
 }
 
 /// How frames go by.
-struct Frames {
+pub(crate) struct Frames {
     last: Instant,
     since: (Instant, u64),
     /// Pictures a second, lately.
     rate: f64,
     ui_ms: f64,
+    /// When the interface was done with the last frame.
+    done: Instant,
+    /// Since when the view has been moved that no picture shows yet.
+    pub moved: Option<Instant>,
+    screen: Arc<Mutex<OnScreen>>,
+}
+
+/// What came onto the screen.
+#[derive(Default)]
+struct OnScreen {
+    /// When the last frame did.
+    at: Option<Instant>,
+    /// How long after what it shows was asked for by hand the last such picture did, ms.
+    latency_ms: Option<f64>,
+}
+
+impl Frames {
+    /// Notes when the frame that this is part of is on the screen; it shows what was asked for then.
+    pub fn until_presented(&self, asked: Option<Instant>) -> Presented {
+        let screen = self.screen.clone();
+        Presented(Box::new(move || {
+            let mut screen = screen.lock().unwrap_or_else(PoisonError::into_inner);
+            let now = Instant::now();
+            screen.at = Some(now);
+            if let Some(asked) = asked {
+                screen.latency_ms = Some(1e3 * now.duration_since(asked).as_secs_f64());
+            }
+        }))
+    }
+
+    /// How long the last frame took from the interface to the screen, and its latency, ms.
+    fn shown(&self) -> (f64, Option<f64>) {
+        let screen = self.screen.lock().unwrap_or_else(PoisonError::into_inner);
+        let took = screen.at.map(|at| at.saturating_duration_since(self.done));
+        (
+            took.map_or(0.0, |t| 1e3 * t.as_secs_f64()),
+            screen.latency_ms,
+        )
+    }
 }
 
 impl App {
@@ -221,8 +262,12 @@ impl App {
                 since: (now, 0),
                 rate: 0.0,
                 ui_ms: 0.0,
+                done: now,
+                moved: None,
+                screen: Arc::default(),
             },
         };
+        creation.egui_ctx.add_plugin(Kept::new(state));
         app.wear_theme(&creation.egui_ctx);
         match &options.open {
             Opened::Nothing => {}
@@ -267,6 +312,7 @@ impl App {
         }
         self.frames.ui_ms = 1e3 * began.elapsed().as_secs_f64();
         if self.log.is_none() && self.told.is_none() {
+            self.frames.done = Instant::now();
             return;
         }
         let frame = self.frame(frame_ms);
@@ -279,15 +325,19 @@ impl App {
             self.log = None;
             self.said = (why.to_string(), true);
         }
+        self.frames.done = Instant::now();
     }
 
     /// All that is told of a frame.
     pub(crate) fn frame(&self, frame_ms: f64) -> Frame {
         let camera = self.orbit.camera();
         let show = self.show.as_ref();
+        let (paint_ms, latency_ms) = self.frames.shown();
         Frame {
             frame_ms,
             ui_ms: self.frames.ui_ms,
+            paint_ms,
+            latency_ms,
             steps: show.map_or(0, |s| s.steps),
             iterations: show
                 .and_then(|s| s.stage().motion()?.progress())

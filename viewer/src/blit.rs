@@ -1,5 +1,5 @@
-//! The picture onto the window, by a pass that does nothing else: the interface's own shader takes as
-//! long for it as the picture itself.
+//! The picture, and what is kept of the interface, onto the window, by passes that do nothing else: the
+//! interface's own shader takes as long for it as the picture itself.
 
 use eframe::egui_wgpu::{self, RenderState};
 use eframe::{egui, egui_wgpu::CallbackResources};
@@ -15,17 +15,54 @@ pub(crate) struct Blit {
 }
 
 impl Blit {
-    /// For what the interface is drawn into.
+    /// Of pictures of any size, for what the interface is drawn into.
     pub fn new(state: &RenderState) -> Blit {
+        Blit::with(state, "pixel")
+    }
+
+    /// Of textures that are as large as what the interface is drawn into, pixel by pixel.
+    pub fn exact(state: &RenderState) -> Blit {
+        Blit::with(state, "same_pixel")
+    }
+
+    fn with(state: &RenderState, pixel: &str) -> Blit {
         let device = &state.device;
         let shader = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("blit"),
             source: wgpu::ShaderSource::Wgsl(SHADER.into()),
         });
         let linear = f64::from(u8::from(state.target_format.is_srgb()));
+        let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::FRAGMENT,
+            ty,
+            count: None,
+        };
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("blit"),
+            entries: &[
+                entry(
+                    0,
+                    wgpu::BindingType::Texture {
+                        sample_type: wgpu::TextureSampleType::Float { filterable: true },
+                        view_dimension: wgpu::TextureViewDimension::D2,
+                        multisampled: false,
+                    },
+                ),
+                entry(
+                    1,
+                    wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+                ),
+            ],
+        });
+        let laid_out = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("blit"),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
         let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("blit"),
-            layout: None,
+            layout: Some(&laid_out),
             vertex: wgpu::VertexState {
                 module: &shader,
                 entry_point: Some("corner"),
@@ -37,7 +74,7 @@ impl Blit {
             multisample: wgpu::MultisampleState::default(),
             fragment: Some(wgpu::FragmentState {
                 module: &shader,
-                entry_point: Some("pixel"),
+                entry_point: Some(pixel),
                 compilation_options: wgpu::PipelineCompilationOptions {
                     constants: &[("LINEAR", linear)],
                     ..Default::default()
@@ -48,7 +85,7 @@ impl Blit {
             cache: None,
         });
         Blit {
-            layout: pipeline.get_bind_group_layout(0),
+            layout,
             pipeline,
             sampler: device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: wgpu::FilterMode::Linear,
@@ -76,30 +113,80 @@ impl Blit {
         })
     }
 
-    /// The shape that draws `texture` over `rect`.
-    pub fn shape(&self, texture: &wgpu::BindGroup, rect: egui::Rect) -> egui::Shape {
+    /// The shape that draws `texture` over `rect`, and is dropped with `until` once the frame is on the
+    /// screen.
+    pub fn shape(
+        &self,
+        texture: &wgpu::BindGroup,
+        rect: egui::Rect,
+        until: Option<Presented>,
+    ) -> egui::Shape {
         let drawn = Drawn {
             pipeline: self.pipeline.clone(),
             texture: texture.clone(),
+            sides: None,
+            _until: until,
         };
         egui_wgpu::Callback::new_paint_callback(rect, drawn).into()
+    }
+
+    /// The shape that draws the sides of a `texture` that is as large as the `screen`.
+    pub fn sides(
+        &self,
+        texture: &wgpu::BindGroup,
+        screen: egui::Rect,
+        sides: Sides,
+    ) -> egui::Shape {
+        let drawn = Drawn {
+            pipeline: self.pipeline.clone(),
+            texture: texture.clone(),
+            sides: Some(sides),
+            _until: None,
+        };
+        egui_wgpu::Callback::new_paint_callback(screen, drawn).into()
+    }
+}
+
+/// Rectangles of pixels, from one corner to the other.
+pub(crate) struct Sides(pub [[[u32; 2]; 2]; 4]);
+
+/// Says when the frame that it is part of was put onto the screen: when it is dropped.
+pub(crate) struct Presented(pub Box<dyn Fn() + Send + Sync>);
+
+impl Drop for Presented {
+    fn drop(&mut self) {
+        (self.0)();
     }
 }
 
 struct Drawn {
     pipeline: wgpu::RenderPipeline,
     texture: wgpu::BindGroup,
+    sides: Option<Sides>,
+    _until: Option<Presented>,
 }
 
 impl egui_wgpu::CallbackTrait for Drawn {
     fn paint(
         &self,
-        _: egui::PaintCallbackInfo,
+        info: egui::PaintCallbackInfo,
         pass: &mut wgpu::RenderPass<'static>,
         _: &CallbackResources,
     ) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.texture, &[]);
-        pass.draw(0..3, 0..1);
+        let Some(Sides(sides)) = &self.sides else {
+            pass.draw(0..3, 0..1);
+            return;
+        };
+        let size = info.screen_size_px;
+        for [low, high] in sides {
+            let [low, high] = [low, high].map(|at| [at[0].min(size[0]), at[1].min(size[1])]);
+            let [width, height] = [0, 1].map(|k| high[k].saturating_sub(low[k]));
+            if width > 0 && height > 0 {
+                pass.set_scissor_rect(low[0], low[1], width, height);
+                pass.draw(0..3, 0..1);
+            }
+        }
     }
 }

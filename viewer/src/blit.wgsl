@@ -27,3 +27,9 @@ fn pixel(seen: Corner) -> @location(0) vec4f {
     let high = pow((colour.rgb + 0.055) / 1.055, vec3f(2.4));
     return vec4f(select(high, low, colour.rgb <= vec3f(0.04045)), colour.a);
 }
+
+// Of a texture as large as what is drawn into.
+@fragment
+fn same_pixel(seen: Corner) -> @location(0) vec4f {
+    return textureLoad(picture, vec2u(seen.position.xy), 0);
+}

@@ -10,6 +10,7 @@ use palpate::Result;
 use palpate::mesh::{Blade, Location};
 use palpate::physics::BodyField;
 use palpate::render::{Camera, Pick, Ray};
+use web_time::Instant;
 
 /// What the left button does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -343,6 +344,9 @@ impl App {
 
     /// Goes on with what was begun: the pointer is at a point, and moved by parts of the height.
     fn draw_on(&mut self, at: Pos2, moved: DVec2, area: Area) -> Result<()> {
+        if matches!(self.stroke, Stroke::View(_)) {
+            self.frames.moved.get_or_insert_with(Instant::now);
+        }
         match &mut self.stroke {
             Stroke::Idle => {}
             Stroke::View(Move::Orbit) => self.orbit.orbit(moved),

@@ -14,6 +14,7 @@ pub mod examples;
 mod hand;
 mod handles;
 mod histogram;
+mod kept;
 pub mod loading;
 pub mod log;
 mod menu;

@@ -13,6 +13,11 @@ pub struct Frame {
     pub frame_ms: f64,
     /// What the interface took of that, ms.
     pub ui_ms: f64,
+    /// What the frame before took after that until it was on the screen, ms: of a software driver, all
+    /// that it draws.
+    pub paint_ms: f64,
+    /// From what was done by hand to the picture that shows it on the screen, ms, of the last such.
+    pub latency_ms: Option<f64>,
     /// Steps there were since the body was opened.
     pub steps: u64,
     /// Iterations of conjugate gradients in the last of them.

@@ -2,6 +2,7 @@
 
 use crate::app::App;
 use crate::hand::{Area, Stroke};
+use crate::kept::Kept;
 use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
 use glam::DVec3;
 use palpate::render::Camera;
@@ -26,6 +27,8 @@ impl App {
             size: [pixels.x.max(1.0) as u32, pixels.y.max(1.0) as u32],
         };
         let response = ui.allocate_rect(rect, Sense::click_and_drag());
+        ui.ctx()
+            .with_plugin(|kept: &mut Kept| kept.picture = Some(rect));
         let before = self.area.replace(area);
         self.settled = before.is_some_and(|before| before.size == area.size);
         self.hand(ui, &response, area);
@@ -38,9 +41,14 @@ impl App {
         let camera = self.orbit.camera();
         if let (Some(show), Some(state)) = (&mut self.show, frame.wgpu_render_state()) {
             let with = (&self.gpu, state);
+            let pictures = self.screen.pictures;
             match self.screen.draw(with, show, (&camera, backdrop), area.size) {
                 Ok(finer) => {
-                    ui.painter().extend(self.screen.shape(rect));
+                    let drawn = self.screen.pictures > pictures;
+                    let shows = [self.frames.moved.take(), show.shown.take()];
+                    let since = shows.into_iter().flatten().min().filter(|_| drawn);
+                    let until = self.frames.until_presented(since);
+                    ui.painter().extend(self.screen.shape(rect, until));
                     if finer {
                         ui.ctx().request_repaint_after(Duration::from_millis(40));
                     }

@@ -1,6 +1,6 @@
 //! The picture within the window: a texture that the interface shows, coarser while something moves.
 
-use crate::blit::Blit;
+use crate::blit::{Blit, Presented};
 use crate::show::Show;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
@@ -12,7 +12,7 @@ use std::time::Duration;
 use web_time::Instant;
 
 /// A picture is to be there within this time while something moves.
-const SOON: f64 = 0.05;
+const SOON: f64 = 0.03;
 /// Pixels each way of a picture that moves, over those of the window: from fine to coarse.
 const SHARES: [f64; 4] = [1.0, 0.8, 0.64, 0.5];
 /// For so long nothing has moved when it is drawn at full resolution.
@@ -186,10 +186,11 @@ impl Screen {
         view
     }
 
-    /// What shows the picture over `rect`; none before there is one.
-    pub fn shape(&self, rect: egui::Rect) -> Option<egui::Shape> {
+    /// What shows the picture over `rect`; none before there is one. `until` is dropped once it is on
+    /// the screen.
+    pub(crate) fn shape(&self, rect: egui::Rect, until: Presented) -> Option<egui::Shape> {
         let (blit, texture) = (self.blit.as_ref()?, self.texture.as_ref()?);
-        Some(blit.shape(&texture.shown, rect))
+        Some(blit.shape(&texture.shown, rect, Some(until)))
     }
 }
 

@@ -107,6 +107,10 @@ pub struct Show {
     stirred: bool,
     /// Whether a step was asked for that is not known to be done.
     under_way: bool,
+    /// Since when a press goes elsewhere that no step has done yet, and that the step under way does.
+    asked: [Option<Instant>; 2],
+    /// The same of the last step that was done, for the picture of it.
+    pub shown: Option<Instant>,
     last: Instant,
     counted: (Instant, u64),
     /// Steps there were.
@@ -227,6 +231,8 @@ impl Show {
             timed,
             stirred: false,
             under_way: false,
+            asked: [None; 2],
+            shown: None,
             last: now,
             counted: (now, 0),
             steps: 0,
@@ -393,7 +399,11 @@ impl Show {
         match self.stage.under_way() {
             Ok(true) => return,
             // What it led to is seen now.
-            Ok(false) if std::mem::take(&mut self.under_way) => self.version += 1,
+            Ok(false) if std::mem::take(&mut self.under_way) => {
+                self.version += 1;
+                let done = self.asked[1].take();
+                self.shown = self.shown.or(done);
+            }
             Ok(false) => {}
             Err(Error::Solver { .. }) if self.backs_off() => {
                 self.remark = Some("the body gives no further there".into());
@@ -476,6 +486,7 @@ impl Show {
             press.stepped = true;
             let place = press.spot + (self.radius - press.gone) * press.out;
             self.stage.guide_tool(*finger, place)?;
+            self.asked[1] = self.asked[0].take();
         }
         self.stage.ask(1)?;
         self.stirred = false;
@@ -549,7 +560,10 @@ impl Show {
     /// Has the finger go in so far, in file units.
     pub fn press_to(&mut self, depth: f64) {
         if let Some(press) = self.press.as_mut().filter(|p| !p.ends) {
-            press.goal = depth.clamp(0.0, press.most.max(0.0));
+            let goal = depth.clamp(0.0, press.most.max(0.0));
+            if goal != std::mem::replace(&mut press.goal, goal) {
+                self.asked[0].get_or_insert_with(Instant::now);
+            }
         }
     }
 

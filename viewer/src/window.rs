@@ -15,6 +15,8 @@ pub fn run(options: Options, size: [u32; 2]) -> std::result::Result<(), String> 
             .with_inner_size([width, height])
             .with_drag_and_drop(true),
         wgpu_options: device(),
+        // Noise against bands, of which an interface has none: it is drawn pixel by pixel.
+        dithering: false,
         ..eframe::NativeOptions::default()
     };
     eframe::run_native(

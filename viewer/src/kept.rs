@@ -1,0 +1,329 @@
+//! The interface around the picture, kept as an image: only what has changed is drawn again. On a
+//! software driver the panels take longer to draw than the body does.
+
+use crate::blit::{Blit, Sides};
+use eframe::egui::epaint::ClippedShape;
+use eframe::egui::{self, Pos2, Rect};
+use eframe::egui_wgpu::{RenderState, ScreenDescriptor};
+
+/// Frames for which letters that are new are on their way to the device.
+const FRESH: u32 = 3;
+/// What is drawn may reach so far beyond its bounds, in points: smooth edges.
+const SOFT: f32 = 1.5;
+
+/// The interface around the picture.
+pub(crate) struct Kept {
+    state: RenderState,
+    /// Where the picture is; none where it is not known.
+    pub picture: Option<Rect>,
+    blit: Blit,
+    /// What was drawn last, above, below, left and right of the picture.
+    drawn: Option<Drawn>,
+    /// Frames left for which nothing is kept.
+    fresh: u32,
+}
+
+/// An image of the interface, and what it shows.
+struct Drawn {
+    view: wgpu::TextureView,
+    shown: wgpu::BindGroup,
+    sides: [Rect; 4],
+    scale: f32,
+    shapes: [Vec<ClippedShape>; 4],
+}
+
+impl Kept {
+    /// For what the interface is drawn into.
+    pub fn new(state: &RenderState) -> Kept {
+        Kept {
+            blit: Blit::exact(state),
+            state: state.clone(),
+            picture: None,
+            drawn: None,
+            fresh: FRESH,
+        }
+    }
+
+    /// Brings the image of the sides up to date.
+    fn draw(
+        &mut self,
+        context: &egui::Context,
+        (size, scale): ([u32; 2], f32),
+        sides: [Rect; 4],
+        shapes: [Vec<ClippedShape>; 4],
+    ) {
+        let fits = |drawn: &Drawn| {
+            let texture = drawn.view.texture();
+            (drawn.sides, drawn.scale) == (sides, scale)
+                && [texture.width(), texture.height()] == size
+        };
+        let old = self.drawn.take().filter(fits);
+        let anew = old.is_none();
+        let mut drawn = old.unwrap_or_else(|| self.blank(size, scale, sides));
+        let mut dirty = Vec::new();
+        for ((side, before), now) in sides.iter().zip(&drawn.shapes).zip(&shapes) {
+            let changed = match anew {
+                true => *side,
+                false => changed(before, now).intersect(*side),
+            };
+            if changed.is_positive() {
+                let changed = whole_pixels(changed, scale);
+                let touched = now.iter().filter(|s| bounds(s).intersects(changed));
+                dirty.extend(touched.map(|s| ClippedShape {
+                    clip_rect: s.clip_rect.intersect(changed),
+                    ..s.clone()
+                }));
+            }
+        }
+        drawn.shapes = shapes;
+        if anew || !dirty.is_empty() {
+            let primitives = context.tessellate(dirty, scale);
+            self.paint(&drawn.view, &primitives, (size, scale), anew);
+        }
+        self.drawn = Some(drawn);
+    }
+
+    fn blank(&self, size: [u32; 2], scale: f32, sides: [Rect; 4]) -> Drawn {
+        let texture = self.state.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("interface"),
+            size: wgpu::Extent3d {
+                width: size[0],
+                height: size[1],
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: self.state.target_format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        Drawn {
+            shown: self.blit.of(&self.state.device, &view),
+            view,
+            sides,
+            scale,
+            shapes: Default::default(),
+        }
+    }
+
+    fn paint(
+        &self,
+        view: &wgpu::TextureView,
+        primitives: &[egui::ClippedPrimitive],
+        (size_in_pixels, pixels_per_point): ([u32; 2], f32),
+        anew: bool,
+    ) {
+        let (device, queue) = (&self.state.device, &self.state.queue);
+        let screen = ScreenDescriptor {
+            size_in_pixels,
+            pixels_per_point,
+        };
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut renderer = self.state.renderer.write();
+        let mut work = renderer.update_buffers(device, queue, &mut encoder, primitives, &screen);
+        {
+            let load = match anew {
+                true => wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                false => wgpu::LoadOp::Load,
+            };
+            let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("interface"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                    depth_slice: None,
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+            renderer.render(&mut pass.forget_lifetime(), primitives, &screen);
+        }
+        work.push(encoder.finish());
+        queue.submit(work);
+    }
+}
+
+impl egui::Plugin for Kept {
+    fn debug_name(&self) -> &'static str {
+        "kept"
+    }
+
+    fn output_hook(&mut self, context: &egui::Context, output: &mut egui::FullOutput) {
+        let Some(picture) = self.picture.take() else {
+            return;
+        };
+        self.fresh = match output.textures_delta.is_empty() {
+            true => self.fresh.saturating_sub(1),
+            // What was drawn may show letters that have moved to other places of their texture.
+            false => FRESH,
+        };
+        if self.fresh > 0 {
+            self.drawn = None;
+            return;
+        }
+        let (screen, scale) = (context.viewport_rect(), output.pixels_per_point);
+        let picture = nearest_pixels(picture, scale);
+        let size = [screen.width(), screen.height()].map(|n| (n * scale).round() as u32);
+        if size.contains(&0) || !screen.contains_rect(picture) {
+            return;
+        }
+        let sides = around(screen, picture);
+        let (kept, mut over) = parted(std::mem::take(&mut output.shapes), &sides, picture);
+        self.draw(context, (size, scale), sides, kept);
+        if let Some(drawn) = &self.drawn {
+            let pixels = sides.map(|side| {
+                [side.min, side.max]
+                    .map(|p| [p.x, p.y].map(|n| (n * scale).round().max(0.0) as u32))
+            });
+            let shape = self.blit.sides(&drawn.shown, screen, Sides(pixels));
+            output.shapes.push(ClippedShape::new(screen, shape));
+        }
+        output.shapes.append(&mut over);
+    }
+}
+
+/// What is above, below, left and right of a picture on a screen.
+fn around(screen: Rect, picture: Rect) -> [Rect; 4] {
+    let across = |left: f32, right: f32| {
+        let corner = |x: f32, y: f32| Pos2::new(x, y);
+        Rect::from_min_max(corner(left, picture.top()), corner(right, picture.bottom()))
+    };
+    let mut above = screen;
+    above.set_bottom(picture.top());
+    let mut below = screen;
+    below.set_top(picture.bottom());
+    [
+        above,
+        below,
+        across(screen.left(), picture.left()),
+        across(picture.right(), screen.right()),
+    ]
+}
+
+/// Shapes that are within a side each, and in order all others: over the picture, over several
+/// sides, and what is drawn onto such.
+fn parted(
+    shapes: Vec<ClippedShape>,
+    sides: &[Rect; 4],
+    picture: Rect,
+) -> ([Vec<ClippedShape>; 4], Vec<ClippedShape>) {
+    let (mut kept, mut over): ([Vec<ClippedShape>; 4], _) = (Default::default(), Vec::new());
+    let mut covered: Vec<Rect> = Vec::new();
+    for shape in shapes {
+        let seen = bounds(&shape);
+        if !seen.is_positive() {
+            continue;
+        }
+        let hidden = covered.iter().any(|rect| rect.intersects(seen));
+        let within = |side: &Rect| side.expand(SOFT).contains_rect(seen);
+        match sides.iter().position(within).filter(|_| !hidden) {
+            Some(side) => kept[side].push(shape),
+            None => {
+                if !picture.expand(SOFT).contains_rect(seen) {
+                    covered.push(seen);
+                }
+                over.push(shape);
+            }
+        }
+    }
+    (kept, over)
+}
+
+/// What of a shape can be seen.
+fn bounds(shape: &ClippedShape) -> Rect {
+    let own = shape.shape.visual_bounding_rect();
+    (shape.transform_after_tessellation * own).intersect(shape.clip_rect)
+}
+
+/// Where two lists of shapes differ.
+fn changed(before: &[ClippedShape], now: &[ClippedShape]) -> Rect {
+    let same = |(a, b): &(&ClippedShape, &ClippedShape)| a == b;
+    let first = before.iter().zip(now).take_while(same).count();
+    let (before, now) = (&before[first..], &now[first..]);
+    let last = before.iter().rev().zip(now.iter().rev());
+    let last = last.take_while(same).count();
+    let all = before[..before.len() - last]
+        .iter()
+        .chain(&now[..now.len() - last]);
+    let all = all.fold(Rect::NOTHING, |rect, shape| rect.union(bounds(shape)));
+    all.expand(SOFT)
+}
+
+/// The pixels that a rectangle touches, in points.
+fn whole_pixels(rect: Rect, scale: f32) -> Rect {
+    let [low, high] = [rect.min * scale, rect.max * scale];
+    Rect::from_min_max(low.floor() / scale, high.ceil() / scale)
+}
+
+/// A rectangle whose sides are those of pixels, in points.
+fn nearest_pixels(rect: Rect, scale: f32) -> Rect {
+    let [low, high] = [rect.min * scale, rect.max * scale];
+    Rect::from_min_max(low.round() / scale, high.round() / scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eframe::egui::{Color32, Shape, vec2};
+
+    fn square(x: f32, y: f32, side: f32) -> ClippedShape {
+        let rect = Rect::from_min_size(Pos2::new(x, y), vec2(side, side));
+        ClippedShape::new(
+            Rect::EVERYTHING,
+            Shape::rect_filled(rect, 0.0, Color32::WHITE),
+        )
+    }
+
+    fn screen() -> (Rect, Rect) {
+        let screen = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 80.0));
+        (
+            screen,
+            Rect::from_min_max(Pos2::new(20.0, 10.0), Pos2::new(70.0, 60.0)),
+        )
+    }
+
+    #[test]
+    fn what_is_within_a_side_is_kept_and_what_lies_on_the_rest_is_not() {
+        let (screen, picture) = screen();
+        let sides = around(screen, picture);
+        let shapes = vec![
+            square(5.0, 2.0, 4.0),
+            square(80.0, 20.0, 8.0),
+            // Over the picture.
+            square(30.0, 30.0, 5.0),
+            // Over the picture and a side, as what is drawn onto that.
+            square(60.0, 40.0, 30.0),
+            square(82.0, 45.0, 3.0),
+            // Beside it.
+            square(5.0, 65.0, 10.0),
+        ];
+        let (kept, over) = parted(shapes.clone(), &sides, picture);
+        assert_eq!(kept[0], [shapes[0].clone()]);
+        assert_eq!(kept[1], [shapes[5].clone()]);
+        assert!(kept[2].is_empty());
+        assert_eq!(kept[3], [shapes[1].clone()]);
+        assert_eq!(over, shapes[2..5]);
+    }
+
+    #[test]
+    fn only_what_differs_is_drawn_again() {
+        let before: Vec<ClippedShape> = (0..5).map(|n| square(10.0 * n as f32, 0.0, 5.0)).collect();
+        assert!(!changed(&before, &before).is_positive());
+        let mut now = before.clone();
+        now[2] = square(20.0, 0.0, 6.0);
+        let rect = changed(&before, &now);
+        assert!(rect.contains_rect(bounds(&now[2])));
+        assert!(!rect.intersects(bounds(&now[1])) && !rect.intersects(bounds(&now[3])));
+        // One more, and one that is gone.
+        now = before.clone();
+        now.remove(3);
+        assert!(changed(&before, &now).contains_rect(bounds(&before[3])));
+        assert!(changed(&now, &before).contains_rect(bounds(&before[3])));
+        assert!(!changed(&now, &before).intersects(bounds(&before[1])));
+    }
+}
