@@ -135,8 +135,9 @@ impl<T: Real> CpuBody<T> {
         let of = |(body, pose): (&Rigid, &Pose)| {
             let mut sum = [DVec3::ZERO; 2];
             // Carriers, the last, have what pulls by springs.
-            for i in body.nodes.start..body.nodes.end - CARRIERS {
-                let f = wide(forces[i]);
+            let own = body.nodes.start..body.nodes.end - CARRIERS;
+            for (i, f) in own.clone().zip(&forces[own]) {
+                let f = wide(*f);
                 sum[0] += f;
                 sum[1] += (pose.turn * rigid.arms[i - rigid.first]).cross(f);
             }

@@ -46,10 +46,8 @@ pub fn options(edge: f64, grading: f64) -> MeshOptions {
     }
 }
 
-pub fn quiet(_: &str, _: f64) {}
-
 pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> Filling {
-    fill(domain, options, &quiet).unwrap()
+    fill(domain, options, &palpate::untold).unwrap()
 }
 
 /// A volume of unit voxels, the first centred at (0.5, 0.5, 0.5).
