@@ -188,9 +188,15 @@ fn a_limb_in_pieces_is_the_whole_limb_by_its_field_and_by_its_regions() {
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn bodies_of_every_kind_in_two_to_sixty_four_pieces_are_whole() {
-    let heart = real_mesh("scalar/chaste_heart_decimation.vtu");
+    let real = [
+        ("heart", "scalar/chaste_heart_decimation.vtu"),
+        ("ventricle", "tet/chaste_ellipsoid_15811.node"),
+    ];
+    let real = real
+        .into_iter()
+        .filter_map(|(name, file)| Some((name, real_mesh(file)?)));
     let made = [("cube", cube())].into_iter().chain(made_meshes());
-    for (name, mesh) in made.chain(heart.map(|mesh| ("heart", mesh))) {
+    for (name, mesh) in made.chain(real) {
         let mut shown = Shown {
             scalars: waves(&mesh),
             mesh: &mesh,
