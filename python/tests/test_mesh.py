@@ -121,3 +121,20 @@ def test_a_segmentation_becomes_a_mesh() -> None:
 
 def stop(what: str, share: float) -> None:
     raise RuntimeError("enough")
+
+
+def test_pieces_are_what_vtk_takes_and_one_mesh_again(limb: palpate.Mesh, tmp_path: Path) -> None:
+    pyvista = pytest.importorskip("pyvista")
+    index = tmp_path / "limb.pvtu"
+    limb.write(index, pieces=5)
+    theirs = pyvista.read(index)
+    own = theirs.cell_data["vtkGhostType"] == 0
+    assert own.sum() == len(limb.tets) < theirs.n_cells
+    # Each tet is some piece's own, once, where it is in the whole.
+    numbers = theirs.cell_data["GlobalElementIds"][own]
+    assert np.array_equal(np.sort(numbers), np.arange(len(limb.tets)))
+    centres = theirs.cell_centers().points[own]
+    assert np.allclose(centres, limb.nodes[limb.tets].mean(axis=1)[numbers])
+    again = palpate.Mesh.read(index)
+    assert np.array_equal(again.nodes, limb.nodes) and np.array_equal(again.tets, limb.tets)
+    assert {f.name for f in again.fields()} == {f.name for f in limb.fields()}

@@ -114,7 +114,14 @@ fn compositions(program: &str) -> Vec<String> {
             // These a program cannot do without.
             _ => Vec::new(),
         };
-        let with = names.iter().flat_map(|name| {
+        // Ways are told alike whatever the table is, and of scans none are.
+        let table = terms("table").next();
+        let alike = |name: &str| {
+            let mut terms = name.split(' ');
+            kind != "intervals"
+                || (terms.clone().any(|t| Some(t) == table) && terms.all(|t| t != "scan"))
+        };
+        let with = names.iter().filter(|name| alike(name)).flat_map(|name| {
             let terms = fitting.iter();
             terms.map(move |term| format!("{name} {term}"))
         });
