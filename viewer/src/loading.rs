@@ -295,31 +295,28 @@ mod tests {
     #[test]
     fn meshing_that_is_cancelled_ends_soon() {
         let gpu = Gpu::new().unwrap();
-        // Far more than is wanted: minutes of work.
+        // Far more than is wanted: minutes of work, cancelled in the midst of this and that.
         let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000000\n";
-        let document = Document::new("limb".into(), PathBuf::new(), text).unwrap();
-        let loading = Loading::open(&gpu, document, &egui::Context::default()).unwrap();
-        let until = Instant::now() + Duration::from_secs(120);
-        while loading.progress().0 == "reading" {
-            assert!(loading.ready().is_none() && Instant::now() < until);
-            std::thread::sleep(Duration::from_millis(5));
+        for after in [700, 3000] {
+            let document = Document::new("limb".into(), PathBuf::new(), text).unwrap();
+            let loading = Loading::open(&gpu, document, &egui::Context::default()).unwrap();
+            std::thread::sleep(Duration::from_millis(after));
+            assert!(loading.ready().is_none(), "it was to take longer");
+            let (what, share, _) = loading.progress();
+            let cancelled = Instant::now();
+            loading.work.cancel();
+            let made = loop {
+                if let Some(made) = loading.ready() {
+                    break made;
+                }
+                assert!(cancelled.elapsed() < Duration::from_secs(60));
+                std::thread::sleep(Duration::from_millis(2));
+            };
+            let took = cancelled.elapsed();
+            println!("{after} ms on, in {what} ({share}), it ended {took:?} later");
+            assert!(matches!(made, Err(Error::Cancelled)));
+            // On a machine that does other things as well.
+            assert!(took < Duration::from_secs(3), "{took:?}");
         }
-        // In the midst of something.
-        std::thread::sleep(Duration::from_millis(700));
-        assert!(loading.ready().is_none(), "it was to take longer");
-        let cancelled = Instant::now();
-        loading.work.cancel();
-        let made = loop {
-            if let Some(made) = loading.ready() {
-                break made;
-            }
-            assert!(cancelled.elapsed() < Duration::from_secs(60));
-            std::thread::sleep(Duration::from_millis(5));
-        };
-        let took = cancelled.elapsed();
-        println!("ended {took:?} later, in {}", loading.progress().0);
-        assert!(matches!(made, Err(Error::Cancelled)));
-        // On a machine that does other things as well.
-        assert!(took < Duration::from_secs(5), "{took:?}");
     }
 }

@@ -22,6 +22,10 @@ export interface State {
   /** Simulated time, s. */
   time_s: number;
   playing: boolean;
+  /** Of a recorded series the frame that is shown, from 0. */
+  series_frame: number | null;
+  /** Of every plane a point and the normal; of a box its corners. */
+  planes: number[][];
   /** Bodies that were opened so far. */
   opened: number;
   /** Why the graphics device is gone; null while it is there. */
