@@ -1,10 +1,11 @@
 //! Solids with smooth surfaces, whose volume and topology are known.
 
 use crate::mesher::support::{
-    angles, euler_number, faults, filled, options, quiet, region_volume, solids,
+    angles, euler_number, faults, filled, options, region_volume, solids,
 };
 use glam::DVec3;
 use palpate::mesher::{MeshOptions, Spacing, fill};
+use palpate::untold;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -152,7 +153,7 @@ fn the_edge_for_a_number_of_tets_is_found() {
         let off = f.tets.len() as f64 / wanted as f64 - 1.0;
         assert!(off.abs() < 0.15, "{wanted}: {}", f.tets.len());
     }
-    assert!(fill(&shell, &about(3), &quiet).is_err());
+    assert!(fill(&shell, &about(3), &untold).is_err());
 }
 
 #[test]
@@ -178,10 +179,10 @@ fn options_without_sense_are_refused() {
         // All of the ball slips through a lattice as coarse as this.
         edge(40.0),
     ] {
-        assert!(fill(&ball, &wrong, &quiet).is_err(), "{wrong:?}");
+        assert!(fill(&ball, &wrong, &untold).is_err(), "{wrong:?}");
     }
     let nothing = solids(1.0, |_| vec![(1, -1.0)]);
-    assert!(fill(&nothing, &edge(0.1), &quiet).is_err());
+    assert!(fill(&nothing, &edge(0.1), &untold).is_err());
 }
 
 proptest! {

@@ -3,6 +3,7 @@
 use glam::{DAffine3, DVec3};
 use palpate::mesh::{BoundaryShape, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
 use palpate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
+use palpate::untold;
 
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
@@ -46,10 +47,8 @@ pub fn options(edge: f64, grading: f64) -> MeshOptions {
     }
 }
 
-pub fn quiet(_: &str, _: f64) {}
-
 pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> Filling {
-    fill(domain, options, &quiet).unwrap()
+    fill(domain, options, &untold).unwrap()
 }
 
 /// A volume of unit voxels, the first centred at (0.5, 0.5, 0.5).
