@@ -4,7 +4,6 @@ use glam::{DAffine3, DVec3};
 use palpate::mesh::{BoundaryShape, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
 use palpate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
 use palpate::untold;
-
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 
