@@ -5,6 +5,7 @@ use crate::mesher::support::{
 };
 use glam::DVec3;
 use palpate::mesher::{MeshOptions, Spacing, fill};
+use palpate::untold;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -152,7 +153,7 @@ fn the_edge_for_a_number_of_tets_is_found() {
         let off = f.tets.len() as f64 / wanted as f64 - 1.0;
         assert!(off.abs() < 0.15, "{wanted}: {}", f.tets.len());
     }
-    assert!(fill(&shell, &about(3), &palpate::untold).is_err());
+    assert!(fill(&shell, &about(3), &untold).is_err());
 }
 
 #[test]
@@ -178,10 +179,10 @@ fn options_without_sense_are_refused() {
         // All of the ball slips through a lattice as coarse as this.
         edge(40.0),
     ] {
-        assert!(fill(&ball, &wrong, &palpate::untold).is_err(), "{wrong:?}");
+        assert!(fill(&ball, &wrong, &untold).is_err(), "{wrong:?}");
     }
     let nothing = solids(1.0, |_| vec![(1, -1.0)]);
-    assert!(fill(&nothing, &edge(0.1), &palpate::untold).is_err());
+    assert!(fill(&nothing, &edge(0.1), &untold).is_err());
 }
 
 proptest! {

@@ -3,7 +3,7 @@
 use glam::{DAffine3, DVec3};
 use palpate::mesh::{BoundaryShape, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
 use palpate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
-
+use palpate::untold;
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 
@@ -47,7 +47,7 @@ pub fn options(edge: f64, grading: f64) -> MeshOptions {
 }
 
 pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> Filling {
-    fill(domain, options, &palpate::untold).unwrap()
+    fill(domain, options, &untold).unwrap()
 }
 
 /// A volume of unit voxels, the first centred at (0.5, 0.5, 0.5).
