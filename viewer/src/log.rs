@@ -54,6 +54,14 @@ pub struct Frame {
     pub series_frame: Option<usize>,
     /// Planes there are: a point and the normal of each.
     pub planes: Vec<[f64; 6]>,
+    /// Whether anything is under way: a step, a body that is made ready, a finer picture.
+    pub busy: bool,
+    /// Where the pointer is, in points.
+    pub pointer: Option<[f32; 2]>,
+    /// Whether any of its buttons is down.
+    pub down: bool,
+    /// Keys that were hit.
+    pub keys: u64,
 }
 
 /// A file of frames.

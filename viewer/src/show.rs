@@ -368,6 +368,11 @@ impl Show {
         !self.failed && (goes || awake)
     }
 
+    /// Whether a step is under way or to come.
+    pub fn is_going(&self) -> bool {
+        self.under_way || self.blade.is_some() || self.is_busy()
+    }
+
     /// When the body is to be looked at again, where nothing calls before.
     pub fn next_look(&self) -> Option<Duration> {
         if self.blade.is_some() && !self.under_way {
@@ -487,6 +492,11 @@ impl Show {
             let place = press.spot + (self.radius - press.gone) * press.out;
             self.stage.guide_tool(*finger, place)?;
             self.asked[1] = self.asked[0].take();
+        }
+        // Forces are right again once the finger rests.
+        let rough = self.press.as_ref().is_some_and(|p| p.gone != p.before);
+        if let Some(motion) = self.stage.motion_mut() {
+            motion.simulator.loads_mut().set_rough(rough);
         }
         self.stage.ask(1)?;
         self.stirred = false;
