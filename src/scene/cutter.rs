@@ -133,8 +133,9 @@ impl Stage {
         }
         if hit && !self.skins.is_empty() {
             let carrier = carrier(&self.gpu, &mut self.drive)?;
-            let shown = self.scene.skin.iter().filter(|skin| !skin.hidden);
-            self.skins.truncate(shown.count());
+            let skins = self.scene.skin.iter().filter(|skin| !skin.hidden);
+            let tools = self.scene.carried.iter().filter(|tool| !tool.hidden);
+            self.skins.truncate(skins.count() + tools.count());
             let mut walls = Vec::new();
             for skin in &mut self.skins {
                 walls = skin.follow_cut(&carrier, blade)?.walls;

@@ -2,6 +2,7 @@
 
 use crate::support::gpu;
 use glam::DVec3;
+use palpate::mesh::Blade;
 use palpate::scene::{Scene, Stage};
 
 /// A box of 10 cm on a table.
@@ -230,6 +231,14 @@ fn tools_that_are_carried_are_drawn() {
     let mut hidden = stage(&format!("{BOX}{WEIGHT}hidden = true\n"));
     let [with, hidden] = [&mut with, &mut hidden].map(|stage| stage.image().unwrap().values);
     assert_ne!(with, hidden);
+
+    // And still are when the body is cut.
+    let mut cut = stage(&format!("{BOX}{WEIGHT}"));
+    let corners = [[-1.0, 0.05], [1.0, 0.05], [1.0, 0.2], [-1.0, 0.2]];
+    let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.07, y, z))).unwrap();
+    assert!(cut.cut(&blade).unwrap());
+    assert_eq!(cut.skins().len(), 1);
+    assert_eq!(cut.image().unwrap().values, with);
 }
 
 #[test]
