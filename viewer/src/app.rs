@@ -122,6 +122,8 @@ pub struct App {
     pub(crate) hand: Hand,
     pub(crate) stroke: Stroke,
     pub(crate) area: Option<Area>,
+    /// Whether the picture is going to be drawn finer.
+    pub(crate) finer: bool,
     /// Whether the picture is as large as in the frame before.
     pub(crate) settled: bool,
     pub(crate) ruler: Option<[DVec3; 2]>,
@@ -166,6 +168,10 @@ pub(crate) struct Frames {
     done: Instant,
     /// Since when the view has been moved that no picture shows yet.
     pub moved: Option<Instant>,
+    /// Where the pointer is, and whether a button of it is down; keys that were hit.
+    pointer: Option<[f32; 2]>,
+    down: bool,
+    keys: u64,
     screen: Arc<Mutex<OnScreen>>,
 }
 
@@ -179,6 +185,17 @@ struct OnScreen {
 }
 
 impl Frames {
+    /// Takes note of what was done with pointer and keys.
+    fn look(&mut self, context: &egui::Context) {
+        context.input(|i| {
+            self.pointer = i.pointer.latest_pos().map(|at| [at.x, at.y]);
+            self.down = i.pointer.any_down();
+            let hit =
+                |event: &&egui::Event| matches!(event, egui::Event::Key { pressed: true, .. });
+            self.keys += i.events.iter().filter(hit).count() as u64;
+        });
+    }
+
     /// Notes when the frame that this is part of is on the screen; it shows what was asked for then.
     pub fn until_presented(&self, asked: Option<Instant>) -> Presented {
         let screen = self.screen.clone();
@@ -227,6 +244,7 @@ impl App {
             stroke: Stroke::default(),
             area: None,
             settled: false,
+            finer: false,
             ruler: None,
             cut_depth: CUT_DEPTH,
             histogram: None,
@@ -252,6 +270,9 @@ impl App {
                 ui_ms: 0.0,
                 done: now,
                 moved: None,
+                pointer: None,
+                down: false,
+                keys: 0,
                 screen: Arc::default(),
             },
         };
@@ -344,6 +365,10 @@ impl App {
             loading: self.loading.as_ref().map(|l| l.name.clone()),
             time_s: show.map_or(0.0, |s| s.stage().time()),
             playing: show.is_some_and(|s| s.playing),
+            busy: self.loading.is_some() || self.finer || show.is_some_and(Show::is_going),
+            pointer: self.frames.pointer,
+            down: self.frames.down,
+            keys: self.frames.keys,
         }
     }
 
@@ -375,6 +400,7 @@ impl eframe::App for App {
         let frame_ms = 1e3 * began.duration_since(self.frames.last).as_secs_f64();
         self.frames.last = began;
         let context = ui.ctx().clone();
+        self.frames.look(&context);
         self.take_files(&context);
         self.take_over(&context);
         let saved = self.save_arrived(&context);

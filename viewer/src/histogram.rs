@@ -51,6 +51,9 @@ mod tests {
         assert_eq!(histogram.bars[BARS / 2], 0.5);
         assert_eq!(histogram.bars.iter().filter(|b| **b > 0.0).count(), 3);
         // Of one value there is one bar.
-        assert_eq!(Histogram::of(&[2.0], (2.0, 2.0), 0).bars[0], 1.0);
+        assert_eq!(
+            Histogram::of(&[2.0], (2.0, 2.0), (String::new(), 0)).bars[0],
+            1.0
+        );
     }
 }

@@ -50,6 +50,14 @@ pub struct Frame {
     pub time_s: f64,
     /// Whether time goes by.
     pub playing: bool,
+    /// Whether anything is under way: a step, a body that is made ready, a finer picture.
+    pub busy: bool,
+    /// Where the pointer is, in points.
+    pub pointer: Option<[f32; 2]>,
+    /// Whether any of its buttons is down.
+    pub down: bool,
+    /// Keys that were hit.
+    pub keys: u64,
 }
 
 /// A file of frames.

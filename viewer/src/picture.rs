@@ -44,6 +44,7 @@ impl App {
             let pictures = self.screen.pictures;
             match self.screen.draw(with, show, (&camera, backdrop), area.size) {
                 Ok(finer) => {
+                    self.finer = finer;
                     let drawn = self.screen.pictures > pictures;
                     let shows = [self.frames.moved.take(), show.shown.take()];
                     let since = shows.into_iter().flatten().min().filter(|_| drawn);

@@ -274,6 +274,11 @@ impl Show {
         !self.failed && (goes || awake)
     }
 
+    /// Whether a step is under way or to come.
+    pub fn is_going(&self) -> bool {
+        self.under_way || self.blade.is_some() || self.is_busy()
+    }
+
     /// When the body is to be looked at again, where nothing calls before.
     pub fn next_look(&self) -> Option<Duration> {
         if self.blade.is_some() && !self.under_way {

@@ -1,0 +1,144 @@
+//! How fast the window is while somebody goes round the body, and presses on it.
+//!
+//! `scripts/test viewer -- --ignored --nocapture pace` measures; on a machine that does nothing else.
+
+use crate::screen::Window;
+use serde_json::Value;
+use std::fmt::Write;
+use std::time::{Duration, Instant};
+
+/// Motions of the pointer a second.
+const EVENTS: usize = 60;
+/// For how long each is done, s, and how often.
+const SECONDS: usize = 5;
+const TURNS: usize = 3;
+/// Presses whose latency is measured.
+const PRESSES: i32 = 12;
+/// Pictures a second to reach.
+const ORBIT: f64 = 25.0;
+const PRESS: f64 = 15.0;
+
+/// Frames of a while.
+struct Pace {
+    pictures: f64,
+    steps: f64,
+    frames: f64,
+    stall: f64,
+    latency: f64,
+}
+
+/// Moves the pointer for a while along a way; what the window did.
+fn pace(window: &Window, way: impl Fn(f64) -> [f64; 2]) -> Pace {
+    let begun = window.frames().len();
+    let count = EVENTS * SECONDS;
+    let mut script = String::new();
+    for n in 0..count {
+        let [x, y] = way(n as f64 / count as f64).map(f64::round);
+        let _ = writeln!(script, "mousemove {x} {y} sleep {}", 1.0 / EVENTS as f64);
+    }
+    let words: Vec<&str> = script.split_whitespace().collect();
+    let since = Instant::now();
+    window.xdotool(&words);
+    let took = since.elapsed().as_secs_f64();
+    let frames = window.frames();
+    let all = &frames[begun..];
+    let number = |frame: &Value, key: &str| frame[key].as_f64().unwrap_or(0.0);
+    let (first, last) = (&all[0], &all[all.len() - 1]);
+    let grown = |key| (number(last, key) - number(first, key)) / took;
+    let mut latency: Vec<f64> = all.iter().map(|f| number(f, "latency_ms")).collect();
+    latency.sort_by(f64::total_cmp);
+    let busy = all
+        .iter()
+        .map(|f| number(f, "ui_ms") + number(f, "paint_ms"));
+    Pace {
+        pictures: grown("pictures"),
+        steps: grown("steps"),
+        frames: all.len() as f64 / took,
+        stall: busy.fold(0.0, f64::max),
+        latency: latency[latency.len() / 2],
+    }
+}
+
+fn told(name: &str, paces: &[Pace]) -> f64 {
+    for pace in paces {
+        println!(
+            "{name}: {:.1} pictures/s, {:.1} steps/s, {:.1} frames/s, latency {:.0} ms, longest frame {:.0} ms",
+            pace.pictures, pace.steps, pace.frames, pace.latency, pace.stall
+        );
+    }
+    paces.iter().map(|p| p.pictures).fold(0.0, f64::max)
+}
+
+/// From a motion of the pointer to another picture on the screen, as who looks at it has it, ms.
+fn latency(window: &mut Window, n: i32) -> f64 {
+    window.rest();
+    let before = window.shot();
+    let since = Instant::now();
+    window.xdotool(&["mousemove", "400", &(410 + 3 * n).to_string()]);
+    // The picture, and not what is told beside it.
+    let middle = |image: &palpate::render::Image| {
+        let width = image.size[0] as usize;
+        let rows = (300..600).flat_map(|y| y * width + 250..y * width + 560);
+        rows.map(|p| image.values[4 * p + 1]).collect::<Vec<f32>>()
+    };
+    let before = middle(&before);
+    while middle(&window.shot()) == before {
+        assert!(
+            since.elapsed() < Duration::from_secs(20),
+            "no other picture"
+        );
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    1e3 * since.elapsed().as_secs_f64()
+}
+
+/// Orbits, presses and tells.
+#[test]
+#[ignore = "a measurement: for a machine that does nothing else"]
+fn pace_of_the_limb() {
+    let mut window = Window::open(&["--example", "limb"]);
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap();
+    println!("load before: {}", load.trim());
+    window.key("f");
+    window.key("1");
+    let round = |share: f64| {
+        let angle = std::f64::consts::TAU * 2.0 * share;
+        [
+            350.0 + 120.0 * angle.sin(),
+            400.0 + 40.0 * (2.0 * angle).sin(),
+        ]
+    };
+    let mut orbits = Vec::new();
+    for _ in 0..TURNS {
+        window.to([350, 400]);
+        window.button(true);
+        orbits.push(pace(&window, round));
+        window.let_go();
+    }
+    window.key("a");
+    window.rest();
+    window.key("f");
+    window.rest();
+    window.key("2");
+    let deeper = |share: f64| [400.0, 400.0 + 60.0 * (std::f64::consts::PI * share).sin()];
+    let mut presses = Vec::new();
+    for _ in 0..TURNS {
+        window.to([400, 400]);
+        window.button(true);
+        presses.push(pace(&window, deeper));
+        window.let_go();
+    }
+    window.hold([400, 400], [400, 410]);
+    let mut late: Vec<f64> = (1..=PRESSES).map(|n| latency(&mut window, n)).collect();
+    window.let_go();
+    late.sort_by(f64::total_cmp);
+    let orbit = told("round it", &orbits);
+    let press = told("pressing", &presses);
+    println!(
+        "from the pointer to the changed picture on the screen: {:.0} ms (median), {:.0} to {:.0}",
+        late[late.len() / 2],
+        late[0],
+        late[late.len() - 1]
+    );
+    println!("at best {orbit:.1} (mark {ORBIT}) and {press:.1} (mark {PRESS}) pictures a second");
+}
