@@ -493,11 +493,6 @@ impl Show {
             self.stage.guide_tool(*finger, place)?;
             self.asked[1] = self.asked[0].take();
         }
-        // Forces are right again once the finger rests.
-        let rough = self.press.as_ref().is_some_and(|p| p.gone != p.before);
-        if let Some(motion) = self.stage.motion_mut() {
-            motion.simulator.loads_mut().set_rough(rough);
-        }
         self.stage.ask(1)?;
         self.stirred = false;
         self.under_way = true;

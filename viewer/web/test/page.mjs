@@ -1,11 +1,11 @@
-// The viewer in a page: the script of viewer/tests/window.rs with its goldens, and what only a page
+// The viewer in a page: the script of viewer/tests/window with its goldens, and what only a page
 // has. scripts/test page runs it.
 
 import fs from "node:fs";
 import path from "node:path";
 import { OUT, Page, ROOT, apart, check, drawn, launch, serve, sleep } from "./harness.mjs";
 
-/** As viewer/tests/window.rs has them: root mean square difference of what is alike, and of what is not. */
+/** As viewer/tests/window has them: root mean square difference of what is alike, and of what is not. */
 const ALIKE = 0.012;
 const OTHER = 0.02;
 /** The picture of a page is that of the command. */
