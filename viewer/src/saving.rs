@@ -2,6 +2,7 @@
 
 use crate::app::App;
 use crate::ask::Saved;
+use crate::document::Document;
 use crate::system;
 use eframe::egui;
 use palpate::render::Image;
@@ -17,12 +18,7 @@ impl App {
     ///
     /// # Errors
     /// What drawing or writing gives.
-    pub(crate) fn save(
-        &mut self,
-        what: Saved,
-        file: &Path,
-        #[cfg_attr(target_arch = "wasm32", allow(unused))] context: &egui::Context,
-    ) -> Result<()> {
+    pub(crate) fn save(&mut self, what: Saved, file: &Path, context: &egui::Context) -> Result<()> {
         let camera = self.orbit.camera();
         let (Some(document), Some(show)) = (&self.document, &mut self.show) else {
             return Ok(());
@@ -30,10 +26,11 @@ impl App {
         match what {
             #[cfg(not(target_arch = "wasm32"))]
             Saved::Film => return self.begin_film(file, context),
-            // A browser cannot wait for it.
-            Saved::Picture if cfg!(target_arch = "wasm32") => {
+            // A browser cannot wait for it, and a window does not where it can do without.
+            Saved::Picture if cfg!(target_arch = "wasm32") || in_eight_bits(document, file) => {
                 let pending = self.ask_picture(self.picture)?;
                 self.saved_picture = Some((pending, file.to_path_buf()));
+                context.request_repaint();
                 return Ok(());
             }
             Saved::Picture => {
@@ -121,6 +118,14 @@ impl App {
         self.save_picture(image, &file)?;
         self.saved(&file)
     }
+}
+
+/// Whether a picture is to have eight bits a channel, as those have that are asked for.
+fn in_eight_bits(document: &Document, file: &Path) -> bool {
+    let bits = document.scene().map(|scene| scene.picture.bits);
+    file.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("png"))
+        && bits.is_ok_and(|bits| bits.is_none_or(|bits| bits == 8))
 }
 
 /// Why nothing can be saved.

@@ -136,6 +136,14 @@ fn no_stall(window: &Window) {
         "{} frames, the interface busy for {slowest:.0} ms at most",
         frames.len()
     );
+    let slow = frames
+        .iter()
+        .filter(|f| f["ui_ms"].as_f64() > Some(STALL / 2.0));
+    for frame in slow {
+        let [ui, steps, said] = ["ui_ms", "steps", "said"].map(|key| &frame[key]);
+        let said: String = said.as_str().unwrap_or_default().chars().take(60).collect();
+        println!("{ui:.0} ms at step {steps}: {said}");
+    }
     assert!(slowest < STALL, "{slowest} ms");
 }
 
@@ -225,7 +233,9 @@ fn a_skin_is_put_on() {
     let mut window = Window::open(&["--example", "limb"]);
     let bare = window.shot();
     window.click([819, 495]);
+    window.rest();
     window.click([809, 551]);
+    window.rest();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/limb_10k.vtu");
     window.xdotool(&["type", "--delay", "5", file.to_str().unwrap()]);
     window.key("Return");
