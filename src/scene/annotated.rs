@@ -9,7 +9,7 @@ use crate::mesh::{DEPTH, TetMesh, Topology};
 use crate::physics::BodyField;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::render::Film;
-use crate::render::{Image, Mode, TransferFunction};
+use crate::render::{Background, BitDepth, Camera, Image, Mode, TransferFunction};
 use std::path::Path;
 
 /// The strip of a legend is as opaque as this share of the body's extent.
@@ -262,18 +262,14 @@ impl Stage {
         Ok(self.annotated_image()?.rgba8(self.background))
     }
 
-    /// Saves a picture that [`Stage::ask_image`] asked for, as [`Stage::save`] would: a PNG with what
-    /// the scene asks to be drawn onto it.
-    ///
-    /// # Errors
-    /// As [`Image::save_as`].
-    pub fn save_asked(&self, mut image: Image, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        let annotations = self.annotations();
-        if !(annotations.is_empty() || is_exr(path)) {
-            annotations.draw(&mut image, &self.camera, self.background)?;
+    /// What saves a picture that [`Stage::ask_image`] asked for, as the stage is now.
+    pub fn picture_writer(&self) -> PictureWriter {
+        PictureWriter {
+            annotations: self.annotations(),
+            camera: self.camera,
+            background: self.background,
+            bits: self.bits,
         }
-        image.save_as(path, self.background, self.bits)
     }
 
     /// Adds the picture to `film`, with what the scene asks to be drawn onto it and on its
@@ -292,6 +288,30 @@ impl Stage {
         let said = self.mode == DisplayMode::Inside(Mode::Thickness);
         let left_out = is_exr(path.as_ref()) && !self.annotations().is_empty();
         (left_out && !said).then(|| EXR_HAS_NONE.into())
+    }
+}
+
+/// Saves a picture of a stage, which may have gone on meanwhile, on any thread.
+#[derive(Clone, Debug)]
+pub struct PictureWriter {
+    annotations: Annotations,
+    camera: Camera,
+    background: Background,
+    bits: BitDepth,
+}
+
+impl PictureWriter {
+    /// Saves `image` as [`Stage::save`] would: a PNG with what the scene asks to be drawn onto it.
+    ///
+    /// # Errors
+    /// As [`Image::save_as`].
+    pub fn save(&self, mut image: Image, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        if !(self.annotations.is_empty() || is_exr(path)) {
+            self.annotations
+                .draw(&mut image, &self.camera, self.background)?;
+        }
+        image.save_as(path, self.background, self.bits)
     }
 }
 

@@ -72,6 +72,7 @@ mod whole;
 mod words;
 mod xray;
 
+pub use annotated::PictureWriter;
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
 pub(crate) use checkpoint::of_scene;

@@ -151,7 +151,7 @@ impl App {
             }
         }
         if recording.pending.is_none() && recording.due() > recording.handed {
-            recording.pending = Some(self.ask_picture(recording.size)?);
+            recording.pending = Some(self.ask_picture(recording.size)?.0);
         }
         Ok(())
     }

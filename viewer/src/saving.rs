@@ -3,15 +3,20 @@
 use crate::app::App;
 use crate::ask::Saved;
 use crate::document::Document;
+use crate::loading::Work;
 use crate::system;
 use eframe::egui;
-use palpate::render::Image;
-use palpate::scene::PendingImage;
+use palpate::scene::{PendingImage, PictureWriter};
 use palpate::{Error, Result, io};
 use std::path::{Path, PathBuf};
 
-/// A picture on its way from the device, and where it is to be saved.
-pub(crate) type SavedPicture = (PendingImage, PathBuf);
+/// A picture that is being saved.
+pub(crate) enum SavedPicture {
+    /// On its way from the device.
+    Asked(PendingImage, PictureWriter, PathBuf),
+    /// On its way into a file.
+    Written(Work<PathBuf>),
+}
 
 impl App {
     /// Saves, where a dialog said.
@@ -28,8 +33,8 @@ impl App {
             Saved::Film => return self.begin_film(file, context),
             // A browser cannot wait for it, and a window does not where it can do without.
             Saved::Picture if cfg!(target_arch = "wasm32") || in_eight_bits(document, file) => {
-                let pending = self.ask_picture(self.picture)?;
-                self.saved_picture = Some((pending, file.to_path_buf()));
+                let (pending, writer) = self.ask_picture(self.picture)?;
+                self.saved_picture = Some(SavedPicture::Asked(pending, writer, file.to_path_buf()));
                 context.request_repaint();
                 return Ok(());
             }
@@ -76,23 +81,15 @@ impl App {
         self.saved(file)
     }
 
-    /// Asks for the picture, so many pixels large.
+    /// Asks for the picture, so many pixels large, and what saves it.
     ///
     /// # Errors
     /// Where nothing is open; what drawing gives.
-    pub(crate) fn ask_picture(&mut self, size: [u32; 2]) -> Result<PendingImage> {
+    pub(crate) fn ask_picture(&mut self, size: [u32; 2]) -> Result<(PendingImage, PictureWriter)> {
         let camera = self.orbit.camera();
         let show = self.show.as_mut().ok_or_else(nothing_open)?;
-        show.ask_image(&camera, size)
-    }
-
-    /// Saves a picture that was asked for.
-    ///
-    /// # Errors
-    /// As [`Stage::save_asked`](palpate::scene::Stage::save_asked).
-    pub(crate) fn save_picture(&self, image: Image, file: &Path) -> Result<()> {
-        let show = self.show.as_ref().ok_or_else(nothing_open)?;
-        show.stage().save_asked(image, file)
+        let pending = show.ask_image(&camera, size)?;
+        Ok((pending, show.stage().picture_writer()))
     }
 
     fn saved(&mut self, file: &Path) -> Result<()> {
@@ -102,25 +99,34 @@ impl App {
         Ok(())
     }
 
-    /// Saves a picture that has arrived meanwhile.
+    /// Goes on with a picture that is being saved.
     ///
     /// # Errors
     /// As [`App::save`].
     pub(crate) fn save_arrived(&mut self, context: &egui::Context) -> Result<()> {
-        let Some((mut pending, file)) = self.saved_picture.take() else {
-            return Ok(());
+        let next = match self.saved_picture.take() {
+            None => return Ok(()),
+            Some(SavedPicture::Asked(mut pending, writer, file)) => match pending.look()? {
+                None => {
+                    context.request_repaint();
+                    SavedPicture::Asked(pending, writer, file)
+                }
+                Some(image) => SavedPicture::Written(Work::begin("saving", context, move |_| {
+                    writer.save(image, &file).map(|()| file)
+                })),
+            },
+            Some(SavedPicture::Written(work)) => match work.ready() {
+                None => SavedPicture::Written(work),
+                Some(file) => return self.saved(&file?),
+            },
         };
-        let Some(image) = pending.look()? else {
-            self.saved_picture = Some((pending, file));
-            context.request_repaint();
-            return Ok(());
-        };
-        self.save_picture(image, &file)?;
-        self.saved(&file)
+        self.saved_picture = Some(next);
+        Ok(())
     }
 }
 
-/// Whether a picture is to have eight bits a channel, as those have that are asked for.
+/// Whether a picture is to have eight bits a channel and one sample a pixel, as those have that are
+/// asked for.
 fn in_eight_bits(document: &Document, file: &Path) -> bool {
     let bits = document.scene().map(|scene| scene.picture.bits);
     file.extension()

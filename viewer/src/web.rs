@@ -190,10 +190,10 @@ impl Viewer {
     /// # Errors
     /// What drawing it gives.
     pub async fn picture(&self, width: u32, height: u32) -> Result<Vec<u8>, JsValue> {
-        let mut pending = self.with(|app| app.ask_picture([width, height]))?;
+        let (mut pending, writer) = self.with(|app| app.ask_picture([width, height]))?;
         loop {
             if let Some(image) = pending.look().map_err(wrong)? {
-                self.with(|app| app.save_picture(image, Path::new(PICTURE)))?;
+                writer.save(image, PICTURE).map_err(wrong)?;
                 return io::take(PICTURE).ok_or_else(|| wrong("the picture is not there"));
             }
             pause(LOOK).await;
