@@ -6,6 +6,7 @@ use crate::document::Document;
 use crate::examples::Example;
 use crate::hand::{Area, Hand, Stroke};
 use crate::histogram::Histogram;
+#[cfg(not(target_arch = "wasm32"))]
 use crate::kept::Kept;
 use crate::loading::Loading;
 use crate::log::{Frame, FrameLog, memory_mb};
@@ -288,6 +289,8 @@ impl App {
                 screen: Arc::default(),
             },
         };
+        // A browser's own driver is no software driver.
+        #[cfg(not(target_arch = "wasm32"))]
         creation.egui_ctx.add_plugin(Kept::new(state));
         app.wear_theme(&creation.egui_ctx);
         match &options.open {

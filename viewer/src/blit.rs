@@ -21,6 +21,7 @@ impl Blit {
     }
 
     /// Of textures that are as large as what the interface is drawn into, pixel by pixel.
+    #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
     pub fn exact(state: &RenderState) -> Blit {
         Blit::with(state, "same_pixel")
     }
@@ -131,6 +132,7 @@ impl Blit {
     }
 
     /// The shape that draws the sides of a `texture` that is as large as the `screen`.
+    #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
     pub fn sides(
         &self,
         texture: &wgpu::BindGroup,
@@ -148,6 +150,7 @@ impl Blit {
 }
 
 /// Rectangles of pixels, from one corner to the other.
+#[cfg_attr(target_arch = "wasm32", allow(dead_code))]
 pub(crate) struct Sides(pub [[[u32; 2]; 2]; 4]);
 
 /// Says when the frame that it is part of was put onto the screen: when it is dropped.

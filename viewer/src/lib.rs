@@ -14,6 +14,7 @@ pub mod examples;
 mod hand;
 mod handles;
 mod histogram;
+#[cfg(not(target_arch = "wasm32"))]
 mod kept;
 pub mod loading;
 pub mod log;

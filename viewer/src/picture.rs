@@ -2,6 +2,7 @@
 
 use crate::app::App;
 use crate::hand::{Area, Stroke};
+#[cfg(not(target_arch = "wasm32"))]
 use crate::kept::Kept;
 use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
 use glam::DVec3;
@@ -27,6 +28,7 @@ impl App {
             size: [pixels.x.max(1.0) as u32, pixels.y.max(1.0) as u32],
         };
         let response = ui.allocate_rect(rect, Sense::click_and_drag());
+        #[cfg(not(target_arch = "wasm32"))]
         ui.ctx()
             .with_plugin(|kept: &mut Kept| kept.picture = Some(rect));
         let before = self.area.replace(area);
