@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// A picture that is being saved.
 pub(crate) enum SavedPicture {
     /// On its way from the device.
-    Asked(PendingImage, PictureWriter, PathBuf),
+    Asked(PendingImage, Box<PictureWriter>, PathBuf),
     /// On its way into a file.
     Written(Work<PathBuf>),
 }
@@ -34,7 +34,11 @@ impl App {
             // A browser cannot wait for it, and a window does not where it can do without.
             Saved::Picture if cfg!(target_arch = "wasm32") || in_eight_bits(document, file) => {
                 let (pending, writer) = self.ask_picture(self.picture)?;
-                self.saved_picture = Some(SavedPicture::Asked(pending, writer, file.to_path_buf()));
+                self.saved_picture = Some(SavedPicture::Asked(
+                    pending,
+                    Box::new(writer),
+                    file.to_path_buf(),
+                ));
                 context.request_repaint();
                 return Ok(());
             }
