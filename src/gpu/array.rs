@@ -305,7 +305,7 @@ impl Gpu {
             self.write_rows(array, [at % ROW, at / ROW], [width, rows], &bytes[part]);
             from = to;
             if pieces >= UPLOAD {
-                self.queue().submit([]);
+                self.submit([]);
                 pieces = 0;
             }
         }

@@ -3,9 +3,11 @@
 use super::pass::Pipelines;
 use super::timing::Timer;
 use crate::{Error, Result};
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use web_time::{Duration, Instant};
 
 /// The environment variable that chooses the adapter: part of its name, its index in the list
 /// that the error shows, or `cpu` for a software adapter.
@@ -34,6 +36,16 @@ struct Inner {
     recorded: Mutex<BTreeMap<String, u64>>,
     /// The first thing that went wrong outside of any call; kept until the device goes.
     trouble: Arc<Mutex<Option<Trouble>>>,
+}
+
+thread_local! {
+    static SUBMITTING: Cell<Duration> = const { Cell::new(Duration::ZERO) };
+}
+
+/// For how long the calling thread has waited so far for drivers to take work over that Palpate
+/// recorded: microseconds each time, but where a driver draws by software, which does so meanwhile.
+pub fn submitting() -> Duration {
+    SUBMITTING.get()
 }
 
 #[derive(Clone, Debug)]
@@ -133,6 +145,13 @@ impl Gpu {
     /// The queue.
     pub fn queue(&self) -> &wgpu::Queue {
         &self.inner.queue
+    }
+
+    /// Hands work to the driver, which is timed ([`submitting`]).
+    pub(crate) fn submit(&self, work: impl IntoIterator<Item = wgpu::CommandBuffer>) {
+        let began = Instant::now();
+        self.queue().submit(work);
+        SUBMITTING.set(SUBMITTING.get() + began.elapsed());
     }
 
     /// What the adapter says of itself.

@@ -24,7 +24,7 @@ mod timing;
 pub(crate) use array::array_size;
 pub use array::{Array, Positions, ROW, Texel, Version};
 pub use binding::{Bind, Resource};
-pub use device::{ADAPTER_VARIABLE, Gpu};
+pub use device::{ADAPTER_VARIABLE, Gpu, submitting};
 pub use draw::{Draw, DrawBuilder};
 pub use layout::{GpuStruct, check_layout};
 pub use loads::texture_loads;

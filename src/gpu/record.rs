@@ -178,7 +178,7 @@ impl<'e> Recorder<'e> {
             marks.resolve(&gpu, self.encoder());
         }
         if let Encoder::Own(encoder) = self.encoder {
-            self.gpu.queue().submit([encoder.finish()]);
+            self.gpu.submit([encoder.finish()]);
         }
         self.gpu.check()
     }

@@ -21,7 +21,7 @@ use crate::system::Chosen;
 use eframe::egui;
 use eframe::egui_wgpu::{SurfaceConfig, WgpuConfiguration, WgpuSetupCreateNew};
 use glam::DVec3;
-use palpate::gpu::Gpu;
+use palpate::gpu::{Gpu, submitting};
 use palpate::render::Camera;
 use palpate::{Error, Result};
 use std::path::PathBuf;
@@ -173,6 +173,7 @@ pub(crate) struct Frames {
     /// Pictures a second, lately.
     rate: f64,
     ui_ms: f64,
+    driver_ms: f64,
     /// When the interface was done with the last frame.
     done: Instant,
     /// Since when the view has been moved that no picture shows yet.
@@ -281,6 +282,7 @@ impl App {
                 since: (now, 0),
                 rate: 0.0,
                 ui_ms: 0.0,
+                driver_ms: 0.0,
                 done: now,
                 moved: None,
                 pointer: None,
@@ -326,7 +328,9 @@ impl App {
     }
 
     /// Writes what the frame took.
-    fn note_frame(&mut self, began: Instant, frame_ms: f64) {
+    fn note_frame(&mut self, (began, submitted): (Instant, Duration), frame_ms: f64) {
+        let driver = submitting().saturating_sub(submitted);
+        self.frames.driver_ms = 1e3 * driver.as_secs_f64();
         let pictures = self.screen.pictures;
         let (since, before) = self.frames.since;
         let passed = since.elapsed().as_secs_f64();
@@ -360,6 +364,7 @@ impl App {
         Frame {
             frame_ms,
             ui_ms: self.frames.ui_ms,
+            driver_ms: self.frames.driver_ms,
             paint_ms,
             latency_ms,
             steps: show.map_or(0, |s| s.steps),
@@ -413,7 +418,7 @@ impl eframe::App for App {
     }
 
     fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
-        let began = Instant::now();
+        let (began, submitted) = (Instant::now(), submitting());
         let frame_ms = 1e3 * began.duration_since(self.frames.last).as_secs_f64();
         self.frames.last = began;
         let context = ui.ctx().clone();
@@ -467,6 +472,6 @@ impl eframe::App for App {
         if let Some(look) = self.show.as_ref().and_then(Show::next_look) {
             context.request_repaint_after(look);
         }
-        self.note_frame(began, frame_ms);
+        self.note_frame((began, submitted), frame_ms);
     }
 }

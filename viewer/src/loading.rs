@@ -216,6 +216,10 @@ impl Loading {
                 None => Show::new(&gpu, &scene, kept.mesh, radius)?,
             };
             show.keep_read(scans, Vec::new());
+            // Where there is one thread it would take as long.
+            if cfg!(not(target_arch = "wasm32")) {
+                show.prepare_pictures()?;
+            }
             Ok(waking(show, &woken))
         });
         Ok(Loading {

@@ -13,6 +13,9 @@ pub struct Frame {
     pub frame_ms: f64,
     /// What the interface took of that, ms.
     pub ui_ms: f64,
+    /// What the driver took of that to take over what is drawn, ms: of a software driver, part of the
+    /// drawing.
+    pub driver_ms: f64,
     /// What the frame before took after that until it was on the screen, ms: of a software driver, all
     /// that it draws.
     pub paint_ms: f64,

@@ -5,7 +5,7 @@ use crate::show::Show;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 use palpate::Result;
-use palpate::gpu::{Gpu, Recorder};
+use palpate::gpu::Gpu;
 use palpate::render::Camera;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -105,15 +105,9 @@ impl Screen {
             return Ok(self.shown != Some(full));
         }
         let view = self.target(state, size);
-        let mut encoder = state
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        show.record(
-            &mut Recorder::within(gpu, &mut encoder),
-            camera,
-            (&view, backdrop),
-        )?;
-        state.queue.submit([encoder.finish()]);
+        let mut work = gpu.record();
+        show.record(&mut work, camera, (&view, backdrop))?;
+        work.submit()?;
         self.note(state, now, size);
         self.shown = Some(next);
         self.pictures += 1;

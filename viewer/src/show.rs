@@ -783,6 +783,18 @@ impl Show {
         self.stage.record(work, colour)
     }
 
+    /// Makes what pictures are drawn with, so that the first of them need not.
+    ///
+    /// # Errors
+    /// As [`Stage::ask_image`].
+    pub(crate) fn prepare_pictures(&mut self) -> Result<()> {
+        let size = self.stage.size();
+        self.stage.set_size([64, 64]);
+        let asked = self.stage.ask_image();
+        self.stage.set_size(size);
+        asked.map(|_| ())
+    }
+
     /// Asks for the picture of `camera`, `size` pixels large, and waits for none of it.
     ///
     /// # Errors

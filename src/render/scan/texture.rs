@@ -244,6 +244,6 @@ fn send(gpu: &Gpu, texture: &wgpu::Texture, texels: &Texels) {
             },
         );
         // What is sent is kept until it is submitted.
-        gpu.queue().submit([]);
+        gpu.submit([]);
     }
 }

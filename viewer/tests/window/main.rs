@@ -22,6 +22,7 @@ use std::time::{Duration, Instant};
 const OTHER: f64 = 0.02;
 /// The interface is never busy for longer, ms.
 const STALL: f64 = 250.0;
+const TRIES: usize = 3;
 
 fn apart(a: &Image, b: &Image) -> f64 {
     Difference::between(a, b).unwrap().rmse
@@ -130,32 +131,38 @@ fn session() -> f64 {
 }
 
 /// Holds that `use_it` keeps the interface busy for no longer than [`STALL`] at a time. Where other
-/// programs take its time it may do so for once.
+/// programs take its time it may do so in a try or two.
 fn without_stall(use_it: fn() -> f64) {
-    let slowest = use_it();
-    if slowest >= STALL {
-        let again = use_it();
-        assert!(again < STALL, "{slowest} ms, and again {again} ms");
+    let mut tries = Vec::new();
+    while tries.len() < TRIES {
+        tries.push(use_it());
+        if tries[tries.len() - 1] < STALL {
+            return;
+        }
     }
+    panic!("the interface was busy for {tries:.0?} ms at a time");
 }
 
 /// For how long the interface was busy at most, ms. What a software driver takes to draw is not the
 /// interface's.
 fn stall(window: &Window) -> f64 {
     let frames = window.frames();
-    let took = frames.iter().filter_map(|f| f["ui_ms"].as_f64());
-    let slowest = took.fold(0.0, f64::max);
+    let ms = |frame: &Value, key: &str| frame[key].as_f64().unwrap_or(0.0);
+    let busy = |frame: &Value| ms(frame, "ui_ms") - ms(frame, "driver_ms");
+    let slowest = frames.iter().map(busy).fold(0.0, f64::max);
     println!(
         "{} frames, the interface busy for {slowest:.0} ms at most",
         frames.len()
     );
-    let slow = frames
-        .iter()
-        .filter(|f| f["ui_ms"].as_f64() > Some(STALL / 2.0));
-    for frame in slow {
-        let [ui, steps, said] = ["ui_ms", "steps", "said"].map(|key| &frame[key]);
-        let said: String = said.as_str().unwrap_or_default().chars().take(60).collect();
-        println!("{ui:.0} ms at step {steps}: {said}");
+    let slow = |frame: &&Value| ms(frame, "ui_ms") > STALL / 3.0;
+    for frame in frames.iter().filter(slow) {
+        let said = frame["said"].as_str().unwrap_or_default();
+        let said: String = said.chars().take(60).collect();
+        let (own, driver) = (busy(frame), ms(frame, "driver_ms"));
+        println!(
+            "{own:.0} ms, and {driver:.0} ms of the driver, at step {}: {said}",
+            frame["steps"]
+        );
     }
     slowest
 }

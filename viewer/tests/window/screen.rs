@@ -5,6 +5,7 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 const SIZE: [usize; 2] = [1024, 768];
@@ -18,8 +19,12 @@ const QUIET: Duration = Duration::from_millis(400);
 const LOOK: Duration = Duration::from_millis(20);
 const PATIENCE: Duration = Duration::from_secs(90);
 
-/// A screen with a window on it.
+/// Whose window it is: beside another, that one's time would be measured too.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// A screen with a window on it, the only one there is.
 pub struct Window {
+    _alone: MutexGuard<'static, ()>,
     screen: Child,
     viewer: Child,
     display: String,
@@ -43,6 +48,7 @@ fn missing(program: &str, e: std::io::Error) -> ! {
 
 impl Window {
     pub fn open(arguments: &[&str]) -> Window {
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         let [width, height] = SIZE;
         let mut screen = Command::new("Xvfb")
@@ -68,6 +74,7 @@ impl Window {
             .spawn()
             .unwrap();
         let mut window = Window {
+            _alone: alone,
             screen,
             viewer,
             display,

@@ -39,6 +39,7 @@ export interface State {
   /** Since the frame before, and what the interface and the step took of that, ms. */
   frame_ms: number;
   ui_ms: number;
+  driver_ms: number;
   /** Memory of the module, MB; it never shrinks. */
   memory_mb: number | null;
   /** Eye, and what it looks at. */
