@@ -57,7 +57,7 @@ fn main(
         textureStore(forces, at(i), vec4(f, 0.0));
         let bad = select(1.0, 0.0, finite3(x) && finite3(v) && finite3(f));
         sum += vec4(0.5 * m * dot(v, v), energy, dot(pull, v), bad);
-#each contact         // Tools do work as what acts from outside does.
+        // Tools do work as what acts from outside does.
 #each contact         sum.z += dot(pressed, v);
     }
     let total = reduce(sum, lane);

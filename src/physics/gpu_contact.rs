@@ -7,7 +7,7 @@
 //! is theirs to say: they go on with steps that were sound, as no one on the CPU knows at the time.
 
 use super::contact::{Shape, Tool, ToolPath};
-use super::cpu::{HOLDS, Hull, PlainContact, WIDE, gap_of, stiff_faces};
+use super::cpu::{HOLDS, Hull, PlainContact, gap_of, stiff_faces};
 use super::gpu_elements::GpuElements;
 use super::loads::Loads;
 use super::units::Units;
@@ -80,6 +80,9 @@ const NO_FACE: u32 = u32::MAX;
 /// A step is refused that leaves a point inside a tool by more than this part of the tool's size, or
 /// of the edges of the boundary.
 const PIERCED: f64 = 0.02;
+
+/// Tools that move push at first from this part of an edge of the boundary on.
+const WIDE: f64 = 0.1;
 
 /// In a stage a tool goes this part of an edge of the boundary at most, and of half of its thickness.
 const STRIDE: f64 = 0.5;

@@ -68,8 +68,7 @@ pub(super) struct Pressing {
     pub at: ToolPlace,
     pub to: ToolPlace,
     pub friction: f64,
-    /// ĝ, and as it is between iterations.
-    pub least_gap: f64,
+    /// ĝ.
     pub gap: f64,
     /// How often it was put elsewhere.
     pub jumps: u64,
@@ -116,6 +115,8 @@ pub(super) struct Contact<T> {
     pub hull: Hull,
     /// Points that may come near in the step.
     pub samples: Vec<Sample>,
+    /// Whether they were chosen since this was looked at last: friction goes by them.
+    pub chosen: bool,
     /// Those with a node in each chunk.
     pub homes: Vec<Vec<u32>>,
     pub rubs: Vec<Rub>,
@@ -136,6 +137,7 @@ impl<T: Real> Contact<T> {
             tools: Vec::new(),
             hull,
             samples: Vec::new(),
+            chosen: false,
             homes: vec![Vec::new(); chunks],
             rubs: Vec::new(),
             least_speed,

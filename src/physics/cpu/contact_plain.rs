@@ -42,7 +42,6 @@ impl PlainContact {
             at: nowhere,
             to: nowhere,
             friction,
-            least_gap: gap,
             gap,
             jumps: 0,
         });
@@ -66,7 +65,6 @@ impl PlainContact {
             (tool.from, tool.to) = (place(path.from), place(path.to));
         }
         self.contact.begin(u, (free, &self.plan), (time, margin));
-        self.contact.widen(0.0);
         self.contact.stage(1.0);
     }
 

@@ -15,11 +15,6 @@ const DEEP: f64 = 0.25;
 /// Tools move on by this part of an edge of the body's boundary between two iterations at most.
 const STRIDE: f64 = 0.5;
 
-/// Where one moves by more than the first part of an edge in a step, all push from the second on at
-/// first: those points that touch in the end are found so.
-const MOVES: f64 = 0.02;
-pub(in crate::physics) const WIDE: f64 = 0.1;
-
 /// And so many times in a step at most.
 const MOST_STAGES: f64 = 64.0;
 
@@ -58,24 +53,22 @@ impl<T: Real> Contact<T> {
         self.rub(u);
         let far = |tool: &Pressing| tool.way(self.hull.reach(tool.from.place, u));
         let way = self.tools.iter().map(far).fold(0.0, f64::max);
-        let way = way / self.hull.edge;
-        if way > MOVES {
-            self.widen(WIDE);
-        }
-        (way / STRIDE).ceil().clamp(1.0, MOST_STAGES) as u32
+        (way / (STRIDE * self.hull.edge))
+            .ceil()
+            .clamp(1.0, MOST_STAGES) as u32
     }
 
     fn choose(&mut self, u: &[V4<T>], with: (&[T], &Plan), margin: f64) {
         let hull = &mut self.hull;
-        let wide = WIDE * hull.edge;
         let tools = &self.tools;
         let near = |tool| Near {
             tool,
-            extra: Pressing::way(tool, hull.reach(tool.from.place, u)) + tool.gap.max(wide),
+            extra: Pressing::way(tool, hull.reach(tool.from.place, u)) + tool.gap,
         };
         let all: Vec<Near<'_>> = tools.iter().map(near).collect();
         let (free, plan) = with;
         self.samples = hull.choose((u, free, plan), margin, &all);
+        self.chosen = true;
         for home in &mut self.homes {
             home.clear();
         }
@@ -92,24 +85,11 @@ impl<T: Real> Contact<T> {
         }
     }
 
-    /// Has tools push from so much farther away, over the edges of the body's boundary, if that is
-    /// farther than they do. Whether it is of any.
-    pub fn widen(&mut self, by: f64) -> bool {
-        let wide = by * self.hull.edge;
-        let mut any = false;
-        for tool in &mut self.tools {
-            tool.gap = tool.least_gap.max(wide);
-            any |= tool.gap > tool.least_gap;
-        }
-        any
-    }
-
     /// Leaves the tools where they went.
     pub fn keep(&mut self) {
         for tool in &mut self.tools {
             tool.from = tool.to;
             tool.at = tool.to;
-            tool.gap = tool.least_gap;
         }
     }
 
@@ -172,13 +152,13 @@ impl<T: Real> Contact<T> {
                 .corners()
                 .map(|(i, w)| w * (self.hull.place(i, u) + by(i)))
                 .sum();
-            if tool.distance(p) >= NEAREST * tool.least_gap {
+            if tool.distance(p) >= NEAREST * tool.gap {
                 continue;
             }
             let touch = tool.touch(p);
             let moves = |(i, w): (usize, f64)| w * w * free[i].wide();
             let all: f64 = s.corners().map(moves).sum();
-            let far = PUSHED * tool.least_gap - touch.distance;
+            let far = PUSHED * tool.gap - touch.distance;
             for (i, w) in s.corners().filter(|(i, _)| free[*i] > T::ZERO) {
                 *pushed.entry(i).or_default() += far * w / all * touch.normal;
             }

@@ -2,16 +2,23 @@
 
 use super::implicit::{Implicit, Scene};
 use super::newton::Minimiser;
+use super::newton_contact::{contact, touching};
 use super::real::Real;
 use super::rules::Form;
 use super::terms::Term;
-use super::vectors::add_scaled;
+use super::vectors::{V4, add_scaled};
 
 /// A step of the line search is taken that lowers Φ by this part of what its slope promises.
 const ENOUGH: f64 = 1e-4;
 
 /// The shortest step of the line search.
 const SHORTEST: f64 = 1e-7;
+
+/// Where something touches, what was reached is halved so often towards what was too far, as long as
+/// Φ falls by that part of what its slope promises: what is met on the way is met at once, and a
+/// parabola tells little of where.
+const HALVES: u32 = 3;
+const STEEP: f64 = 0.7;
 
 impl<T: Real> Minimiser<T> {
     /// Goes along the solution until Φ is lower. Returns how much of it was gone, and how much
@@ -26,9 +33,11 @@ impl<T: Real> Minimiser<T> {
     ) -> Option<(f64, f64)> {
         let direction = &implicit.solver.solution;
         self.rigid.read_directions(direction);
-        let (before, slack) = (self.best.total(), self.best.slack());
         let mut length = self.free_way(scene, terms, direction);
+        self.weigh_anew(scene, terms, form);
+        let (before, slack) = (self.best.total(), self.best.slack());
         let how = self.how(form);
+        let mut too_far = None;
         while length >= SHORTEST {
             let step = T::of(length);
             self.rigid.go(length);
@@ -45,8 +54,16 @@ impl<T: Real> Minimiser<T> {
             if fall >= ENOUGH * length * gain - slack {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept();
-                return Some((length, fall));
+                let touch = contact(terms).is_some() || touching(terms).is_some();
+                return Some(match too_far.filter(|_| touch) {
+                    Some(far) => {
+                        let slope = (before, gain);
+                        self.go_on(scene, terms, form, direction, (length, far), slope)
+                    }
+                    None => (length, fall),
+                });
             }
+            too_far = Some(length);
             // The minimum of the parabola through both ends, with the slope at the first.
             let bend = 2.0 * (length * gain - fall);
             let least = gain * length * length / bend;
@@ -56,5 +73,43 @@ impl<T: Real> Minimiser<T> {
             };
         }
         None
+    }
+
+    /// Goes on along the direction from the part `near` of it to less than `far`, which is too far,
+    /// where Φ falls all the way; it was `before` at the start, with the slope `-gain`. As
+    /// [`Minimiser::search`].
+    fn go_on(
+        &mut self,
+        scene: &Scene<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: Form,
+        direction: &[V4<T>],
+        (mut near, mut far): (f64, f64),
+        (before, gain): (f64, f64),
+    ) -> (f64, f64) {
+        let how = self.how(form);
+        for _ in 0..HALVES {
+            if before - self.best.total() < STEEP * near * gain {
+                break;
+            }
+            // Of lengths that differ by their size.
+            let length = (near * far).sqrt();
+            let (more, step) = (length - near, T::of(length - near));
+            self.rigid.go(more);
+            let (from, trial, rigid) = (&self.best.delta, &mut self.trial, &self.rigid);
+            let at = |i: usize| add_scaled(from[i], step, direction[i]);
+            trial.put(scene, &self.guesses, how, rigid, at);
+            let passes = self.passes(scene, terms);
+            let trial = &mut self.trial;
+            trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
+            if !passes && trial.total() < self.best.total() {
+                std::mem::swap(&mut self.best, &mut self.trial);
+                self.rigid.accept();
+                near = length;
+            } else {
+                far = length;
+            }
+        }
+        (near, before - self.best.total())
     }
 }

@@ -93,7 +93,6 @@ mod worker;
 pub(super) use closest_rotation::closest_rotation;
 pub(super) use contact_hull::Hull;
 pub(super) use contact_plain::PlainContact;
-pub(super) use contact_way::WIDE;
 #[cfg(feature = "rapier")]
 pub(super) use guard::Failure;
 #[cfg(feature = "rapier")]

@@ -75,6 +75,8 @@ pub struct Minimiser<T> {
     /// The part of their way in the step that nodes that are led have gone in trials: less than all
     /// where something is in their way.
     pub(super) led: f64,
+    /// Whether the last line search chose other points to touch.
+    pub(super) chose: bool,
 }
 
 /// What a step starts from besides the state.
@@ -122,6 +124,7 @@ impl<T: Real> Minimiser<T> {
             goal: settings,
             moved: Vec::new(),
             led: 1.0,
+            chose: false,
         }
     }
 
@@ -183,7 +186,7 @@ impl<T: Real> Minimiser<T> {
         // Whether no tet is inside out at the start, once that is known.
         let mut whole = None;
         for round in 0..most.max(UNFOLDING) {
-            let mut wide = stages > 0 && round > 0 && self.narrow(scene, terms, form, round - 1);
+            let mut went_on = false;
             let mut scale = self.residual(implicit, scene, terms, form);
             if stages > 0 {
                 scale = scale.max(self.contact_weight(implicit, terms, form));
@@ -200,13 +203,13 @@ impl<T: Real> Minimiser<T> {
             if self.led < 1.0 && (std::mem::take(&mut eased) || before <= EASED * goal) {
                 self.lead_on(scene, terms, form);
                 self.residual(implicit, scene, terms, form);
-                wide = true;
+                went_on = true;
             }
             // Measured by blocks of the step before, which a run that is resumed does not have.
             if stages > 0 && round == 0 && touching(terms).is_some() {
                 goal = 0.0;
             }
-            if round > 0 && !wide && before <= goal {
+            if round > 0 && !went_on && before <= goal {
                 if stages > 0 && rubs < RUBS {
                     rubs += 1;
                     if self.rub(scene, terms, form) {
@@ -234,8 +237,9 @@ impl<T: Real> Minimiser<T> {
             let gain = outcome.gain / (form.gamma * form.gamma);
             let slack = self.best.slack();
             let Some((length, fall)) = self.search(implicit, scene, terms, form, gain) else {
-                // Exact blocks may have led astray; projected ones cannot.
-                if (self.projected == 0 && gain > slack) || wide {
+                // Exact blocks may have led astray; projected ones cannot, but of other points.
+                let astray = self.projected == 0 || self.chose;
+                if (astray && gain > slack) || went_on {
                     self.projected = PROJECTED;
                     continue;
                 }
@@ -245,7 +249,7 @@ impl<T: Real> Minimiser<T> {
                 }
                 break;
             };
-            if wide || self.led < 1.0 {
+            if went_on || self.led < 1.0 {
                 continue;
             }
             let ratio = fall / (0.5 * gain);

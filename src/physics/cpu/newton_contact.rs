@@ -2,7 +2,6 @@
 //! iterations until forces on tools are right.
 
 use super::contact::{Contact, narrow, wide};
-use super::contact_way::WIDE;
 use super::implicit::{Implicit, Scene};
 use super::newton::{Minimiser, PROJECTED};
 use super::real::Real;
@@ -40,9 +39,6 @@ pub(super) const ROUGH: f64 = 100.0;
 /// Iterations that are gone although they lower the potential by less than it is rounded: that of
 /// contact is a small part of it.
 pub(super) const FAINT: u32 = 6;
-
-/// The gap of tools that push from farther away at first, over that of the iteration before.
-const NARROWER: f64 = 0.3;
 
 /// The part of their distance that parts of the body keep on a way that was cut short by them.
 const PASSES: f64 = 0.5 * KEPT;
@@ -328,25 +324,18 @@ impl<T: Real> Minimiser<T> {
         change > SAME
     }
 
-    /// Has tools push from less far away after `round`, and weighs the best trial again. Whether
-    /// they pushed from farther than they should.
-    pub(super) fn narrow(
+    /// Weighs the best trial again where points were chosen anew, which friction goes by.
+    pub(super) fn weigh_anew(
         &mut self,
         scene: &Scene<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         form: Form,
-        round: u32,
-    ) -> bool {
-        let Some(contact) = contact_mut(terms) else {
-            return false;
-        };
-        if contact.tools.iter().all(|t| t.gap == t.least_gap) {
-            return false;
+    ) {
+        self.chose = contact_mut(terms).is_some_and(|c| std::mem::take(&mut c.chosen));
+        if self.chose {
+            let (best, scratch) = (&mut self.best, &mut self.forces);
+            best.weigh(scene, terms, &self.lagged, scratch, form);
         }
-        contact.widen(WIDE * NARROWER.powi(round as i32 + 1));
-        let (best, scratch) = (&mut self.best, &mut self.forces);
-        best.weigh(scene, terms, &self.lagged, scratch, form);
-        true
     }
 
     /// What residuals are measured by where tools touch, squared.

@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 /// Nodes below which a second thread costs more than it gives.
-const NODES_A_THREAD: usize = 1200;
+const NODES_A_THREAD: usize = 1600;
 
 /// How a body's nodes are shared out.
 #[derive(Clone, Debug, PartialEq)]

@@ -102,7 +102,6 @@ impl<T: Real> CpuBody<T> {
             at,
             to: at,
             friction: tool.friction,
-            least_gap: gap,
             gap,
             jumps: 0,
         });
