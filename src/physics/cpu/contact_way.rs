@@ -47,6 +47,8 @@ impl<T: Real> Contact<T> {
         self.time = time;
         self.stage(0.0);
         self.choose(u, (free, plan), margin.max(self.hull.edge));
+        // Nothing was weighed yet by others.
+        self.chosen = false;
         if self.samples.is_empty() {
             return 0;
         }
