@@ -3,7 +3,7 @@
 use crate::app::App;
 use crate::document::set;
 use crate::histogram::Histogram;
-use eframe::egui::{self, Color32, Pos2, Rect, Sense, Stroke as Line};
+use eframe::egui::{self, Color32, EventFilter, Key, Pos2, Rect, Sense, Stroke as Line, Vec2};
 use palpate::render::TransferFunction;
 use toml_edit::{DocumentMut, Value};
 
@@ -15,10 +15,50 @@ const NEAR: f32 = 9.0;
 const WAY: f64 = 0.1;
 /// Opacities are not dragged beyond this.
 const DENSE: f64 = 0.995;
+/// How far an arrow moves a point, in points of the screen; with Shift, so many times as far.
+const STEP: f32 = 2.0;
+const STRIDE: f32 = 5.0;
+
+/// What is done to a point by keys.
+enum Keyed {
+    /// It goes elsewhere, by points of the screen.
+    Moved(Vec2),
+    /// Another is added after it.
+    Added,
+    Removed,
+}
+
+/// What is done by keys to the point of this id, which has the focus.
+fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<Keyed> {
+    let arrows = EventFilter {
+        horizontal_arrows: true,
+        vertical_arrows: true,
+        ..EventFilter::default()
+    };
+    ui.memory_mut(|m| m.set_focus_lock_filter(id, arrows));
+    ui.input(|i| {
+        let hits = |key| i.num_presses(key) as f32;
+        let by = Vec2::new(
+            hits(Key::ArrowRight) - hits(Key::ArrowLeft),
+            hits(Key::ArrowDown) - hits(Key::ArrowUp),
+        );
+        let step = if i.modifiers.shift {
+            STRIDE * STEP
+        } else {
+            STEP
+        };
+        match by {
+            _ if i.key_pressed(Key::Enter) => Some(Keyed::Added),
+            _ if i.key_pressed(Key::Delete) => Some(Keyed::Removed),
+            by => (by != Vec2::ZERO).then_some(Keyed::Moved(step * by)),
+        }
+    })
+}
 
 impl App {
     /// The opacity of each scalar over how often it occurs: points that can be dragged, added by a
-    /// double click, and taken away by a click of the right button.
+    /// double click, and taken away by a click of the right button; or, of the point that has the
+    /// focus, by keys.
     pub(super) fn transfer_editor(&mut self, ui: &mut egui::Ui, range: (f64, f64)) {
         let Some(show) = &self.show else { return };
         let stage = show.stage();
@@ -77,31 +117,62 @@ impl App {
             let nearest = all.min_by(|a, b| a.1.total_cmp(&b.1));
             nearest.filter(|(_, away)| *away <= NEAR).map(|(n, _)| n)
         };
-        let Some(at) = response.interact_pointer_pos() else {
-            self.dragged = None;
-            response.on_hover_text(
-                "Drag points; double-click to add one, right-click to take one away",
-            );
-            return;
-        };
         let mut changed = false;
-        if response.double_clicked() {
-            points.push(point(at));
-            points.sort_by(|a, b| a[0].total_cmp(&b[0]));
-            changed = true;
-        } else if response.secondary_clicked() {
-            if let Some(n) = near(at, &points).filter(|_| points.len() > 1) {
-                points.remove(n);
+        // The point that goes elsewhere, and where to.
+        let mut moved = None;
+        for n in 0..points.len() {
+            let at = place(points[n]);
+            let around = Rect::from_center_size(at, Vec2::splat(2.0 * NEAR));
+            let own = ui.interact(
+                around,
+                response.id.with(n),
+                Sense::focusable_noninteractive(),
+            );
+            if !own.has_focus() {
+                continue;
+            }
+            painter.circle_stroke(at, NEAR, ui.visuals().selection.stroke);
+            match by_keys(ui, own.id) {
+                Some(Keyed::Moved(by)) => moved = Some((n, at + by)),
+                Some(Keyed::Removed) if points.len() > 1 => {
+                    points.remove(n);
+                    changed = true;
+                }
+                Some(Keyed::Added) => {
+                    let next = points.get(n + 1).map_or([range.1, points[n][1]], |p| *p);
+                    points.insert(n + 1, [0, 1].map(|k| 0.5 * (points[n][k] + next[k])));
+                    changed = true;
+                }
+                _ => {}
+            }
+            break;
+        }
+        match response.interact_pointer_pos() {
+            None => self.dragged = None,
+            Some(at) if response.double_clicked() => {
+                points.push(point(at));
+                points.sort_by(|a, b| a[0].total_cmp(&b[0]));
                 changed = true;
             }
-        } else if response.drag_started() {
-            let begun = ui.input(|i| i.pointer.press_origin()).unwrap_or(at);
-            self.dragged = near(begun, &points);
+            Some(at) if response.secondary_clicked() => {
+                if let Some(n) = near(at, &points).filter(|_| points.len() > 1) {
+                    points.remove(n);
+                    changed = true;
+                }
+            }
+            Some(at) => {
+                if response.drag_started() {
+                    let begun = ui.input(|i| i.pointer.press_origin()).unwrap_or(at);
+                    self.dragged = near(begun, &points);
+                }
+                let drags = response.dragged();
+                moved = self.dragged.filter(|_| drags).map(|n| (n, at)).or(moved);
+            }
         }
-        if let Some(n) = self
-            .dragged
-            .filter(|n| response.dragged() && *n < points.len())
-        {
+        response.on_hover_text(
+            "Drag points; double-click to add one, right-click to take one away. By keys: Tab goes from point to point, arrows move it (with Shift, far), Enter adds one after it, Delete takes it away",
+        );
+        if let Some((n, at)) = moved.filter(|(n, _)| *n < points.len()) {
             let [s, mut density] = point(at);
             // What is denser than can be shown stays so while it is dragged aside.
             if density >= densest {

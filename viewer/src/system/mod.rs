@@ -17,9 +17,9 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 
 /// Endings of what can be opened.
-const OPENED: [&str; 18] = [
-    "toml", "pvd", "vtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr", "nii", "gz",
-    "mha", "mhd", "stl", "ply", "obj",
+const OPENED: [&str; 19] = [
+    "toml", "pvd", "vtu", "pvtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr",
+    "nii", "gz", "mha", "mhd", "stl", "ply", "obj",
 ];
 
 /// Endings of what else can be chosen.
