@@ -216,9 +216,9 @@ impl Loading {
                 None => Show::new(&gpu, &scene, kept.mesh, radius)?,
             };
             show.keep_read(scans, Vec::new());
-            // Where there is one thread it would take as long.
+            // Where there is one thread it would take as long. What fails is told by the first picture.
             if cfg!(not(target_arch = "wasm32")) {
-                show.prepare_pictures()?;
+                let _ = show.prepare_pictures();
             }
             Ok(waking(show, &woken))
         });

@@ -31,7 +31,7 @@ impl App {
     /// Does what keys do, unless something is typed.
     pub(crate) fn keys(&mut self, context: &egui::Context) {
         // Ctrl+Z takes back what is typed.
-        if context.egui_wants_keyboard_input() {
+        if context.text_edit_focused() {
             return;
         }
         let pressed =

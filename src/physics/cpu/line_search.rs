@@ -14,10 +14,10 @@ const ENOUGH: f64 = 1e-4;
 /// The shortest step of the line search.
 const SHORTEST: f64 = 1e-7;
 
-/// Where something touches, what was reached is halved so often towards what was too far, as long as
-/// Φ falls by that part of what its slope promises: what is met on the way is met at once, and a
-/// parabola tells little of where.
-const HALVES: u32 = 3;
+/// Where something touches, a length between what was reached and what was too far is tried so often,
+/// as long as Φ falls by that part of what its slope promises: what is met on the way is met at once,
+/// and a parabola tells little of where.
+const BETWEEN: u32 = 3;
 const STEEP: f64 = 0.7;
 
 impl<T: Real> Minimiser<T> {
@@ -54,7 +54,8 @@ impl<T: Real> Minimiser<T> {
             if fall >= ENOUGH * length * gain - slack {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept();
-                let touch = contact(terms).is_some() || touching(terms).is_some();
+                let tools = contact(terms).is_some_and(|c| !c.samples.is_empty());
+                let touch = tools || touching(terms).is_some_and(|own| !own.is_empty());
                 return Some(match too_far.filter(|_| touch) {
                     Some(far) => {
                         let slope = (before, gain);
@@ -88,7 +89,7 @@ impl<T: Real> Minimiser<T> {
         (before, gain): (f64, f64),
     ) -> (f64, f64) {
         let how = self.how(form);
-        for _ in 0..HALVES {
+        for _ in 0..BETWEEN {
             if before - self.best.total() < STEEP * near * gain {
                 break;
             }
@@ -99,10 +100,13 @@ impl<T: Real> Minimiser<T> {
             let (from, trial, rigid) = (&self.best.delta, &mut self.trial, &self.rigid);
             let at = |i: usize| add_scaled(from[i], step, direction[i]);
             trial.put(scene, &self.guesses, how, rigid, at);
-            let passes = self.passes(scene, terms);
+            if self.passes(scene, terms) {
+                far = length;
+                continue;
+            }
             let trial = &mut self.trial;
             trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
-            if !passes && trial.total() < self.best.total() {
+            if trial.total() < self.best.total() {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept();
                 near = length;

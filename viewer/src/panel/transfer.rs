@@ -89,6 +89,18 @@ impl App {
             let y = f64::from((rect.bottom() - at.y) / rect.height()).clamp(0.0, DENSE);
             [range.0 + x * span, -(-y).ln_1p() / way]
         };
+        // Only what is changed of it, for others may be beyond what is shown.
+        let shifted = |[s, density]: [f64; 2], by: Vec2| {
+            let x = f64::from(by.x / rect.width()) * span;
+            let y = -(-density * way).exp_m1() - f64::from(by.y / rect.height());
+            [
+                (s + x).clamp(range.0.min(s), range.1.max(s)),
+                match by.y == 0.0 {
+                    true => density,
+                    false => -(-y.clamp(0.0, DENSE)).ln_1p() / way,
+                },
+            ]
+        };
         let densest = -(-DENSE).ln_1p() / way;
         let painter = ui.painter_at(rect);
         painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
@@ -132,15 +144,21 @@ impl App {
                 continue;
             }
             painter.circle_stroke(at, NEAR, ui.visuals().selection.stroke);
+            let last = points.len() - 1;
             match by_keys(ui, own.id) {
-                Some(Keyed::Moved(by)) => moved = Some((n, at + by)),
-                Some(Keyed::Removed) if points.len() > 1 => {
+                Some(Keyed::Moved(by)) => moved = Some((n, shifted(points[n], by))),
+                Some(Keyed::Removed) if last > 0 => {
                     points.remove(n);
+                    if n == last {
+                        ui.memory_mut(|m| m.request_focus(response.id.with(n - 1)));
+                    }
                     changed = true;
                 }
-                Some(Keyed::Added) => {
-                    let next = points.get(n + 1).map_or([range.1, points[n][1]], |p| *p);
-                    points.insert(n + 1, [0, 1].map(|k| 0.5 * (points[n][k] + next[k])));
+                // Halfway to the next, or to the one before.
+                Some(Keyed::Added) if last > 0 => {
+                    let k = n.min(last - 1);
+                    let (a, b) = (points[k], points[k + 1]);
+                    points.insert(k + 1, [0, 1].map(|c| 0.5 * (a[c] + b[c])));
                     changed = true;
                 }
                 _ => {}
@@ -166,14 +184,14 @@ impl App {
                     self.dragged = near(begun, &points);
                 }
                 let drags = response.dragged();
-                moved = self.dragged.filter(|_| drags).map(|n| (n, at)).or(moved);
+                let dragged = self.dragged.filter(|_| drags);
+                moved = dragged.map(|n| (n, point(at))).or(moved);
             }
         }
         response.on_hover_text(
             "Drag points; double-click to add one, right-click to take one away. By keys: Tab goes from point to point, arrows move it (with Shift, far), Enter adds one after it, Delete takes it away",
         );
-        if let Some((n, at)) = moved.filter(|(n, _)| *n < points.len()) {
-            let [s, mut density] = point(at);
+        if let Some((n, [s, mut density])) = moved.filter(|(n, _)| *n < points.len()) {
             // What is denser than can be shown stays so while it is dragged aside.
             if density >= densest {
                 density = density.max(points[n][1]);

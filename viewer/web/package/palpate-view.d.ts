@@ -36,7 +36,8 @@ export interface State {
   /** What the status line says, and whether that is an error. */
   said: string;
   error: boolean;
-  /** Since the frame before, and what the interface and the step took of that, ms. */
+  /** Since the frame before; what the interface, and a step of the body, took of that; and what of this
+   * the driver took to take the drawing over, ms. */
   frame_ms: number;
   ui_ms: number;
   driver_ms: number;
