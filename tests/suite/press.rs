@@ -60,6 +60,20 @@ fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
     assert_eq!(report.poisson, 0.3);
 }
 
+/// Cartilage between rigid bones, of which more and more touches.
+#[test]
+fn a_knee_resists_the_harder_the_deeper_it_is_pressed() {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes/knee.toml");
+    let press = pressed(&Scene::read(&file).unwrap(), &Wanted::default());
+    let forces = |phase: &str| -> Vec<f64> {
+        let samples = press.samples().iter().filter(|s| s.phase == phase);
+        samples.map(|s| s.force_n).collect()
+    };
+    let (load, unload) = (forces("load"), forces("unload"));
+    assert!(load.is_sorted() && load[load.len() - 1] > 100.0, "{load:?}");
+    assert!(unload.is_sorted_by(|a, b| a >= b), "{unload:?}");
+}
+
 #[test]
 fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
     let scene = block("");

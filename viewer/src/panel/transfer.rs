@@ -19,13 +19,103 @@ const DENSE: f64 = 0.995;
 const STEP: f32 = 2.0;
 const STRIDE: f32 = 5.0;
 
+/// A point: a scalar, and the extinction there.
+type Point = [f64; 2];
+
+/// Where points are drawn: scalars of a range from left to right, and upwards the opacity of a way
+/// through the body.
+struct Plot {
+    rect: Rect,
+    range: (f64, f64),
+    way: f64,
+}
+
+impl Plot {
+    fn span(&self) -> f64 {
+        (self.range.1 - self.range.0).max(f64::MIN_POSITIVE)
+    }
+
+    fn opacity(&self, density: f64) -> f64 {
+        -(-density * self.way).exp_m1()
+    }
+
+    fn density(&self, opacity: f64) -> f64 {
+        -(-opacity.clamp(0.0, DENSE)).ln_1p() / self.way
+    }
+
+    /// Where a point is drawn.
+    fn place(&self, [s, density]: Point) -> Pos2 {
+        let share = ((s - self.range.0) / self.span()).clamp(0.0, 1.0);
+        let rect = self.rect;
+        Pos2::new(
+            rect.left() + rect.width() * share as f32,
+            rect.bottom() - rect.height() * self.opacity(density) as f32,
+        )
+    }
+
+    /// The point that is drawn there.
+    fn point(&self, at: Pos2) -> Point {
+        let rect = self.rect;
+        let share = f64::from((at.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
+        let opacity = f64::from((rect.bottom() - at.y) / rect.height());
+        [self.range.0 + share * self.span(), self.density(opacity)]
+    }
+
+    /// A point moved by so much. Only what changes of it, for it may be beyond what is drawn.
+    fn shifted(&self, [s, density]: Point, by: Vec2) -> Point {
+        let x = f64::from(by.x) / f64::from(self.rect.width()) * self.span();
+        let opacity = self.opacity(density) - f64::from(by.y) / f64::from(self.rect.height());
+        [
+            (s + x).clamp(self.range.0.min(s), self.range.1.max(s)),
+            match by.y == 0.0 {
+                true => density,
+                false => self.density(opacity),
+            },
+        ]
+    }
+
+    /// Moves a point, but not past those beside it.
+    fn put(&self, points: &mut [Point], n: usize, [s, mut density]: Point) {
+        // What is denser than can be shown stays so while it is moved aside.
+        if density >= self.density(DENSE) {
+            density = density.max(points[n][1]);
+        }
+        let before = n.checked_sub(1).map_or(f64::NEG_INFINITY, |n| points[n][0]);
+        let after = points.get(n + 1).map_or(f64::INFINITY, |p| p[0]);
+        points[n] = [s.clamp(before, after), density];
+    }
+}
+
 /// What is done to a point by keys.
 enum Keyed {
     /// It goes elsewhere, by points of the screen.
     Moved(Vec2),
-    /// Another is added after it.
+    /// Another is added halfway to the next, or of the last to the one before.
     Added,
     Removed,
+}
+
+impl Keyed {
+    /// Does it to a point, if it can be done. Which point has the focus then.
+    fn done(self, plot: &Plot, points: &mut Vec<Point>, n: usize) -> Option<usize> {
+        let last = points.len() - 1;
+        match self {
+            Keyed::Moved(by) => {
+                let to = plot.shifted(points[n], by);
+                plot.put(points, n, to);
+            }
+            _ if last == 0 => return None,
+            Keyed::Added => {
+                let k = n.min(last - 1);
+                let (a, b) = (points[k], points[k + 1]);
+                points.insert(k + 1, [0, 1].map(|c| 0.5 * (a[c] + b[c])));
+            }
+            Keyed::Removed => {
+                points.remove(n);
+            }
+        }
+        Some(n.min(points.len() - 1))
+    }
 }
 
 /// What is done by keys to the point of this id, which has the focus.
@@ -76,38 +166,13 @@ impl App {
         let width = ui.available_width();
         let (rect, response) =
             ui.allocate_exact_size(egui::vec2(width, EDITOR), Sense::click_and_drag());
-        let span = (range.1 - range.0).max(f64::MIN_POSITIVE);
-        let place = |[s, density]: [f64; 2]| {
-            let opacity = -(-density * way).exp_m1();
-            Pos2::new(
-                rect.left() + rect.width() * ((s - range.0) / span).clamp(0.0, 1.0) as f32,
-                rect.bottom() - rect.height() * opacity as f32,
-            )
-        };
-        let point = |at: Pos2| {
-            let x = f64::from((at.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
-            let y = f64::from((rect.bottom() - at.y) / rect.height()).clamp(0.0, DENSE);
-            [range.0 + x * span, -(-y).ln_1p() / way]
-        };
-        // Only what is changed of it, for others may be beyond what is shown.
-        let shifted = |[s, density]: [f64; 2], by: Vec2| {
-            let x = f64::from(by.x / rect.width()) * span;
-            let y = -(-density * way).exp_m1() - f64::from(by.y / rect.height());
-            [
-                (s + x).clamp(range.0.min(s), range.1.max(s)),
-                match by.y == 0.0 {
-                    true => density,
-                    false => -(-y.clamp(0.0, DENSE)).ln_1p() / way,
-                },
-            ]
-        };
-        let densest = -(-DENSE).ln_1p() / way;
+        let plot = Plot { rect, range, way };
         let painter = ui.painter_at(rect);
         painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
         if let Some(histogram) = &self.histogram {
             let bar = rect.width() / histogram.bars.len() as f32;
             for (n, share) in histogram.bars.iter().enumerate() {
-                let s = range.0 + span * (n as f64 + 0.5) / histogram.bars.len() as f64;
+                let s = range.0 + plot.span() * (n as f64 + 0.5) / histogram.bars.len() as f64;
                 let [r, g, b] = transfer
                     .colour(s)
                     .map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8);
@@ -119,56 +184,39 @@ impl App {
             }
         }
         let line = Line::new(1.5, ui.visuals().strong_text_color());
-        painter.line(points.iter().map(|p| place(*p)).collect(), line);
+        painter.line(points.iter().map(|p| plot.place(*p)).collect(), line);
         for p in &points {
-            painter.circle(place(*p), 4.0, ui.visuals().window_fill, line);
+            painter.circle(plot.place(*p), 4.0, ui.visuals().window_fill, line);
         }
-        let near = |at: Pos2, points: &[[f64; 2]]| {
-            let away = |p: &[f64; 2]| place(*p).distance(at);
+        let near = |at: Pos2, points: &[Point]| {
+            let away = |p: &Point| plot.place(*p).distance(at);
             let all = points.iter().enumerate().map(|(n, p)| (n, away(p)));
             let nearest = all.min_by(|a, b| a.1.total_cmp(&b.1));
             nearest.filter(|(_, away)| *away <= NEAR).map(|(n, _)| n)
         };
         let mut changed = false;
-        // The point that goes elsewhere, and where to.
-        let mut moved = None;
         for n in 0..points.len() {
-            let at = place(points[n]);
+            let at = plot.place(points[n]);
             let around = Rect::from_center_size(at, Vec2::splat(2.0 * NEAR));
-            let own = ui.interact(
-                around,
-                response.id.with(n),
-                Sense::focusable_noninteractive(),
-            );
+            let id = |n: usize| response.id.with(n);
+            let own = ui.interact(around, id(n), Sense::focusable_noninteractive());
             if !own.has_focus() {
                 continue;
             }
             painter.circle_stroke(at, NEAR, ui.visuals().selection.stroke);
-            let last = points.len() - 1;
-            match by_keys(ui, own.id) {
-                Some(Keyed::Moved(by)) => moved = Some((n, shifted(points[n], by))),
-                Some(Keyed::Removed) if last > 0 => {
-                    points.remove(n);
-                    if n == last {
-                        ui.memory_mut(|m| m.request_focus(response.id.with(n - 1)));
-                    }
-                    changed = true;
+            let keyed = by_keys(ui, own.id);
+            if let Some(next) = keyed.and_then(|keyed| keyed.done(&plot, &mut points, n)) {
+                changed = true;
+                if next != n {
+                    ui.memory_mut(|m| m.request_focus(id(next)));
                 }
-                // Halfway to the next, or to the one before.
-                Some(Keyed::Added) if last > 0 => {
-                    let k = n.min(last - 1);
-                    let (a, b) = (points[k], points[k + 1]);
-                    points.insert(k + 1, [0, 1].map(|c| 0.5 * (a[c] + b[c])));
-                    changed = true;
-                }
-                _ => {}
             }
             break;
         }
         match response.interact_pointer_pos() {
             None => self.dragged = None,
             Some(at) if response.double_clicked() => {
-                points.push(point(at));
+                points.push(plot.point(at));
                 points.sort_by(|a, b| a[0].total_cmp(&b[0]));
                 changed = true;
             }
@@ -183,24 +231,16 @@ impl App {
                     let begun = ui.input(|i| i.pointer.press_origin()).unwrap_or(at);
                     self.dragged = near(begun, &points);
                 }
-                let drags = response.dragged();
-                let dragged = self.dragged.filter(|_| drags);
-                moved = dragged.map(|n| (n, point(at))).or(moved);
+                let drags = |n: &usize| response.dragged() && *n < points.len();
+                if let Some(n) = self.dragged.filter(drags) {
+                    plot.put(&mut points, n, plot.point(at));
+                    changed = true;
+                }
             }
         }
         response.on_hover_text(
             "Drag points; double-click to add one, right-click to take one away. By keys: Tab goes from point to point, arrows move it (with Shift, far), Enter adds one after it, Delete takes it away",
         );
-        if let Some((n, [s, mut density])) = moved.filter(|(n, _)| *n < points.len()) {
-            // What is denser than can be shown stays so while it is dragged aside.
-            if density >= densest {
-                density = density.max(points[n][1]);
-            }
-            let before = n.checked_sub(1).map_or(f64::NEG_INFINITY, |n| points[n][0]);
-            let after = points.get(n + 1).map_or(f64::INFINITY, |p| p[0]);
-            points[n] = [s.clamp(before, after), density];
-            changed = true;
-        }
         if changed {
             let json = serde_json::json!({
                 "colour": transfer.colour_nodes(),
@@ -230,5 +270,70 @@ impl App {
             show.stage_mut().set_transfer(&transfer)
         });
         self.tell_error(result);
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const AXIS: [f64; 3] = [-10.0, 20.0, 50.0];
+
+    fn plot() -> Plot {
+        Plot {
+            rect: Rect::from_min_size(Pos2::new(5.0, 7.0), Vec2::new(200.0, 100.0)),
+            range: (-20.0, 80.0),
+            way: 0.1,
+        }
+    }
+
+    fn keyed(keys: impl IntoIterator<Item = Keyed>, points: &mut Vec<Point>, n: usize) -> usize {
+        let on = |n, keyed: Keyed| keyed.done(&plot(), points, n).unwrap_or(n);
+        keys.into_iter().fold(n, on)
+    }
+
+    #[test]
+    fn arrows_move_a_point_between_its_neighbours() {
+        let start: Vec<Point> = AXIS.iter().map(|s| [*s, 3.0]).collect();
+        let mut points = start.clone();
+        keyed([Keyed::Moved(Vec2::new(10.0, -10.0))], &mut points, 1);
+        assert!((points[1][0] - 25.0).abs() < 1e-9, "{points:?}");
+        let gained = plot().opacity(points[1][1]) - plot().opacity(3.0);
+        assert!((gained - 0.1).abs() < 1e-6, "{gained}");
+        // Not past the next, nor beyond what is drawn; and the others stay.
+        let far = || Keyed::Moved(Vec2::new(500.0, 500.0));
+        keyed([far()], &mut points, 1);
+        assert_eq!(points, [start[0], [50.0, 0.0], start[2]]);
+        keyed([far()], &mut points, 2);
+        assert_eq!(points[2], [80.0, 0.0]);
+    }
+
+    #[test]
+    fn what_is_beyond_the_plot_keeps_what_no_key_changes() {
+        let dense = 1e4;
+        let mut points = vec![[-10.0, 1.0], [200.0, dense]];
+        keyed([Keyed::Moved(Vec2::new(0.0, -2.0))], &mut points, 1);
+        assert_eq!(points[1], [200.0, dense]);
+        keyed([Keyed::Moved(Vec2::new(-20.0, 0.0))], &mut points, 1);
+        assert_eq!(points[1], [190.0, dense]);
+        keyed([Keyed::Moved(Vec2::new(0.0, 2.0))], &mut points, 1);
+        assert_eq!(points[1][0], 190.0);
+        assert!(points[1][1] < dense, "{points:?}");
+    }
+
+    #[test]
+    fn points_are_added_and_taken_away_by_keys() {
+        let mut points = vec![[0.0, 1.0], [40.0, 3.0]];
+        assert_eq!(keyed([Keyed::Added], &mut points, 0), 0);
+        assert_eq!(points, [[0.0, 1.0], [20.0, 2.0], [40.0, 3.0]]);
+        // Of the last: in order still, whatever the range.
+        assert_eq!(keyed([Keyed::Added], &mut points, 2), 2);
+        assert_eq!(points[2], [30.0, 2.5]);
+        assert_eq!(keyed([Keyed::Removed], &mut points, 3), 2);
+        assert_eq!(keyed([Keyed::Removed, Keyed::Removed], &mut points, 2), 0);
+        // One stays.
+        assert!(Keyed::Removed.done(&plot(), &mut points, 0).is_none());
+        assert_eq!(points, [[0.0, 1.0]]);
     }
 }

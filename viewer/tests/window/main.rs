@@ -22,6 +22,7 @@ use std::time::{Duration, Instant};
 const OTHER: f64 = 0.02;
 /// The interface is never busy for longer, ms.
 const STALL: f64 = 250.0;
+/// How often a use of the window is tried.
 const TRIES: usize = 3;
 
 fn apart(a: &Image, b: &Image) -> f64 {
@@ -147,7 +148,7 @@ fn in_a_few_tries(use_it: fn() -> Result<(), String>) {
 /// draw is not the interface's.
 fn no_stall(window: &Window) -> Result<(), String> {
     let frames = window.frames();
-    let ms = |frame: &Value, key: &str| frame[key].as_f64().unwrap_or(0.0);
+    let ms = |frame: &Value, key: &str| frame[key].as_f64().unwrap();
     let busy = |frame: &Value| ms(frame, "ui_ms") - ms(frame, "driver_ms");
     let slowest = frames.iter().map(busy).fold(0.0, f64::max);
     println!(
