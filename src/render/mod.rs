@@ -53,7 +53,7 @@ pub use tet_geometry::{tet_gradient, tet_planes};
 pub use transfer::{ResolvedTransfer, TransferFunction};
 pub use xray::Xray;
 
-pub(crate) use peel::attachment;
+pub(crate) use peel::{KEPT, attachment};
 pub(crate) use pick::Look;
 pub(crate) use surface::{Clips, averaged, depth_target};
 pub(crate) use tiles::draw_in_tiles;

@@ -28,6 +28,10 @@ const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// What rays gather.
 pub(super) const SUM: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
+/// Sizes whose targets are kept: where pictures are coarse while something moves and fine at rest, they
+/// take turns.
+pub(crate) const KEPT: usize = 2;
+
 /// The targets of one size, and the draws that find the layers.
 pub(super) struct Peel {
     /// Size of the targets.

@@ -7,8 +7,8 @@
 use super::draw::{How, Skin};
 use crate::gpu::{Draw, Gpu, Recorder};
 use crate::render::{
-    Camera, Image, Mode, Raycaster, Surface, SurfaceTarget, Target, Window, attachment, averaged,
-    draw_in_tiles,
+    Camera, Image, KEPT, Mode, Raycaster, Surface, SurfaceTarget, Target, Window, attachment,
+    averaged, draw_in_tiles,
 };
 use crate::{Error, Result};
 
@@ -60,7 +60,8 @@ impl Drawn<'_> {
 pub struct Composer {
     gpu: Gpu,
     options: ComposeOptions,
-    targets: Option<Targets>,
+    /// Of the last sizes that were drawn, the last one first.
+    targets: Vec<Targets>,
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -96,7 +97,7 @@ impl Composer {
         Ok(Composer {
             gpu: gpu.clone(),
             options,
-            targets: None,
+            targets: Vec::new(),
         })
     }
 
@@ -233,12 +234,14 @@ impl Composer {
                 "skins and volume of one picture must share their local frame: one body's".into(),
             ));
         }
-        let targets = match self.targets.take().filter(|t| t.size == window.size) {
-            Some(targets) => targets,
+        let kept = self.targets.iter().position(|t| t.size == window.size);
+        let targets = match kept {
+            Some(at) => self.targets.remove(at),
             None => Targets::new(&self.gpu, window.size)?,
         };
-        let targets = self.targets.insert(targets);
-        let gpu = &self.gpu;
+        self.targets.truncate(KEPT - 1);
+        self.targets.insert(0, targets);
+        let (gpu, targets) = (&self.gpu, &self.targets[0]);
         targets.begin(gpu, work, target.occluder)?;
         if let Some(boundary) = boundary {
             let into = SurfaceTarget {

@@ -3,7 +3,7 @@
 use super::Raycaster;
 use crate::gpu::{Draw, Recorder};
 use crate::render::Camera;
-use crate::render::peel::{Peel, SUM, Walks, attachment};
+use crate::render::peel::{KEPT, Peel, SUM, Walks, attachment};
 use crate::render::raycast_options::{Gathered, Target, Walk};
 use crate::render::scan::Held;
 use crate::render::tiles::check_size;
@@ -88,10 +88,10 @@ impl Raycaster {
         }
         // The frame is out of `self` while draws are prepared from the rest of it.
         let generation = self.geometry.generation;
-        let fits = |f: &Frame| f.peel.size == window.size && f.generation == generation;
-        let kept = self.frame.take().filter(fits);
+        self.frames.retain(|f| f.generation == generation);
+        let kept = self.frames.iter().position(|f| f.peel.size == window.size);
         let mut frame = match kept {
-            Some(frame) => frame,
+            Some(at) => self.frames.remove(at),
             None => Frame {
                 generation,
                 peel: Peel::new(
@@ -107,7 +107,8 @@ impl Raycaster {
             },
         };
         let drawn = self.draw(work, &mut frame, &view, gathered, target);
-        self.frame = Some(frame);
+        self.frames.truncate(KEPT - 1);
+        self.frames.insert(0, frame);
         drawn
     }
 

@@ -35,12 +35,10 @@ impl Raycaster {
         let drawn = self.draw_intervals(camera, size);
         if self.options.layers != asked {
             self.options.layers = asked;
-            self.frame = None;
+            self.frames.clear();
         }
         self.told = None;
-        if let Some(frame) = &mut self.frame {
-            frame.forget_walks();
-        }
+        self.forget_walks();
         drawn
     }
 
@@ -128,7 +126,7 @@ impl Raycaster {
                     )));
                 }
                 self.options.layers = (2 * self.options.layers).min(MOST_LAYERS);
-                self.frame = None;
+                self.frames.clear();
                 continue;
             }
             let head = gpu.read_first_of::<u32>(&told, HEAD)?;
@@ -156,9 +154,7 @@ impl Raycaster {
     /// Has room for so many ways in a window.
     fn make_room(&mut self, gpu: &Gpu, ways: u64) -> Result<wgpu::Buffer> {
         let told = gpu.buffer("ways of rays", HEAD + BYTES * ways)?;
-        if let Some(frame) = &mut self.frame {
-            frame.forget_walks();
-        }
+        self.forget_walks();
         Ok(self.told.insert(told).clone())
     }
 }

@@ -41,7 +41,8 @@ pub struct Raycaster {
     shadows: Option<Shadows>,
     /// Where ways through the mesh are told by themselves, where they were asked for.
     told: Option<wgpu::Buffer>,
-    frame: Option<Frame>,
+    /// Of the last sizes that were drawn, the last one first.
+    frames: Vec<Frame>,
 }
 
 impl Raycaster {
@@ -87,7 +88,7 @@ impl Raycaster {
             no_rows: gpu.array("no regions", Texel::U32, 1)?,
             shadows: None,
             told: None,
-            frame: None,
+            frames: Vec::new(),
         })
     }
 
@@ -213,9 +214,12 @@ impl Raycaster {
     /// What was prepared for a picture is prepared anew for the next.
     fn prepare_anew(&mut self) {
         self.shadows = None;
-        if let Some(frame) = &mut self.frame {
-            frame.forget_walks();
-        }
+        self.forget_walks();
+    }
+
+    /// Walks are prepared anew for the next picture.
+    fn forget_walks(&mut self) {
+        self.frames.iter_mut().for_each(Frame::forget_walks);
     }
 
     /// The planes and isosurfaces it draws with.
@@ -249,7 +253,7 @@ impl Raycaster {
             .set_options(&self.gpu, &self.geometry, &options)?;
         self.options = options;
         self.shadows = None;
-        self.frame = None;
+        self.frames.clear();
         Ok(())
     }
 
@@ -354,7 +358,7 @@ impl Raycaster {
 
     /// Layers that the last window recorded, and submitted, found.
     pub(super) fn layers_found(&self) -> Result<u32> {
-        match &self.frame {
+        match self.frames.first() {
             Some(frame) => frame.peel.layers_found(&self.gpu),
             None => Ok(0),
         }
