@@ -293,6 +293,8 @@ fn two_minutes() -> Result<(), String> {
         window.key("f");
         window.key("2");
         window.hold([410, 390], [410, 420]);
+        // So that each round draws all there is, the finger at full resolution as well.
+        window.rest();
         window.let_go();
         seen.push(memory(&window));
     }
