@@ -392,6 +392,11 @@ impl Show {
         }
     }
 
+    /// Stepping.
+    pub fn stepping(&mut self) -> bool {
+        self.under_way && self.stage.under_way().unwrap_or(false)
+    }
+
     /// Has the body go on to `now`: takes over steps that are done, and asks for more of them.
     pub fn tick(&mut self, now: Instant) {
         let passed = now.duration_since(self.last);
@@ -400,7 +405,11 @@ impl Show {
         if self.player.is_some() {
             return self.play_series(passed.as_secs_f64());
         }
-        let passed = passed.min(OWED);
+        // Also while a step is under way: a body that is slower than its time never waits for the next.
+        match self.playing || self.touched() {
+            true => self.owed += self.speed * passed.min(OWED).as_secs_f64(),
+            false => self.owed = 0.0,
+        }
         match self.stage.under_way() {
             Ok(true) => return,
             // What it led to is seen now.
@@ -426,10 +435,6 @@ impl Show {
             return self.fail(&why);
         }
         let dt = self.stage.motion().map_or(STEP, |m| m.dt);
-        match self.playing || self.touched() {
-            true => self.owed += self.speed * passed.as_secs_f64(),
-            false => self.owed = 0.0,
-        }
         if self.is_busy() && self.owed >= dt {
             self.owed = (self.owed - dt).min(dt);
             if let Err(why) = self.step() {
