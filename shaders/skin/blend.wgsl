@@ -6,6 +6,8 @@
 
 // The last: the opaque things behind, and the picture itself.
 override LAST: bool = false;
+// Whether there is none before it.
+override FIRST: bool = false;
 
 struct Blend {
     background: vec4<f32>,
@@ -30,8 +32,12 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
 @fragment
 fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(position.xy);
-    let sum = textureLoad(before, pixel, 0);
-    let near = textureLoad(volume_before, pixel, 0);
+    var sum = vec4(0.0, 0.0, 0.0, 1.0);
+    var near = vec4(0.0);
+    if !FIRST {
+        sum = textureLoad(before, pixel, 0);
+        near = textureLoad(volume_before, pixel, 0);
+    }
     let far = textureLoad(volume, pixel, 0);
     let skin = textureLoad(layer, pixel, 0);
     let colour = sum.rgb + sum.a * (far.rgb - near.rgb + (1.0 - far.a) * skin.rgb);

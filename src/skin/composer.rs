@@ -79,6 +79,8 @@ struct Targets {
     depths: [wgpu::TextureView; 2],
     volumes: [wgpu::TextureView; 2],
     sums: [wgpu::TextureView; 2],
+    /// Of the first layer, and of even and of odd ones.
+    first: Draw,
     blends: [Draw; 2],
 }
 
@@ -242,7 +244,12 @@ impl Composer {
         self.targets.truncate(KEPT - 1);
         self.targets.insert(0, targets);
         let (gpu, targets) = (&self.gpu, &self.targets[0]);
+        let translucent = skins.iter().any(|s| s.opacity() < 1.0);
+        let layers = if translucent { self.options.layers } else { 0 };
         targets.begin(gpu, work, target.occluder)?;
+        if raycaster.is_none() {
+            targets.clear_volumes(work);
+        }
         if let Some(boundary) = boundary {
             let into = SurfaceTarget {
                 colour: &targets.opaque,
@@ -262,8 +269,6 @@ impl Composer {
             };
             skin.record_window(work, camera, &into, window, How::default())?;
         }
-        let translucent = skins.iter().any(|s| s.opacity() < 1.0);
-        let layers = if translucent { self.options.layers } else { 0 };
         for i in 0..layers as usize {
             let (now, before) = (i % 2, 1 - i % 2);
             targets.clear_layer(work, now);
@@ -289,7 +294,11 @@ impl Composer {
             }
             let colour = [attachment(&targets.sums[now], wgpu::LoadOp::Load)];
             let mut pass = work.render_pass("skin/blend", &colour, None);
-            targets.blends[now].record(&mut pass, 3, 1);
+            let blend = match i {
+                0 => &targets.first,
+                _ => &targets.blends[now],
+            };
+            blend.record(&mut pass, 3, 1);
         }
         let now = layers as usize % 2;
         if let Some(raycaster) = raycaster {
@@ -300,7 +309,7 @@ impl Composer {
             };
             raycaster.record_part(work, camera, Mode::Composite, &into, window)?;
         }
-        targets.finish(gpu, work, target, now)
+        targets.finish(gpu, work, target, layers)
     }
 }
 
@@ -323,9 +332,10 @@ impl Targets {
         let layer = texture(SUM)?;
         let volumes = [texture(SUM)?, texture(SUM)?];
         let sums = [texture(SUM)?, texture(SUM)?];
-        let blend = |now: usize| {
+        let blend = |now: usize, first: bool| {
             let before = 1 - now;
             gpu.draw("skin/blend")
+                .constant("FIRST", f64::from(u8::from(first)))
                 .read(&sums[before])
                 .read(&volumes[before])
                 .read(&volumes[now])
@@ -341,34 +351,22 @@ impl Targets {
             opaque: texture(SUM)?,
             opaque_depth: texture(DEPTH)?,
             depths: [texture(DEPTH)?, texture(DEPTH)?],
-            blends: [blend(0)?, blend(1)?],
+            first: blend(0, true)?,
+            blends: [blend(0, false)?, blend(1, false)?],
             layer,
             volumes,
             sums,
         })
     }
 
-    /// Clears all of it, and brings the depths of the caller's opaque things.
+    /// Clears what is opaque, and brings the depths of the caller's opaque things.
     fn begin(
         &self,
         gpu: &Gpu,
         work: &mut Recorder,
         occluder: Option<&wgpu::TextureView>,
     ) -> Result<()> {
-        let clear = |work: &mut Recorder, view: &wgpu::TextureView, alpha: f64| {
-            let colour = wgpu::Color {
-                a: alpha,
-                ..wgpu::Color::TRANSPARENT
-            };
-            let colour = [attachment(view, wgpu::LoadOp::Clear(colour))];
-            work.render_pass("skin/clear", &colour, None);
-        };
-        // The skins before the first layer let all light through.
-        clear(work, &self.sums[1], 1.0);
-        for volume in &self.volumes {
-            clear(work, volume, 0.0);
-        }
-        clear(work, &self.opaque, 0.0);
+        clear(work, &self.opaque);
         let depth = wgpu::RenderPassDepthStencilAttachment {
             view: &self.opaque_depth,
             depth_ops: Some(wgpu::Operations {
@@ -393,10 +391,14 @@ impl Targets {
         Ok(())
     }
 
+    /// Has no volume.
+    fn clear_volumes(&self, work: &mut Recorder) {
+        self.volumes.iter().for_each(|volume| clear(work, volume));
+    }
+
     /// Begins a layer: nothing of it yet, and nothing behind what is opaque.
     fn clear_layer(&self, work: &mut Recorder, now: usize) {
-        let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
-        work.render_pass("skin/clear", &[attachment(&self.layer, clear)], None);
+        clear(work, &self.layer);
         work.encoder().copy_texture_to_texture(
             self.opaque_depth.texture().as_image_copy(),
             self.depths[now].texture().as_image_copy(),
@@ -405,12 +407,14 @@ impl Targets {
     }
 
     /// Adds the rest of the volume and what is opaque, and brings it all into `target`.
-    fn finish(&self, gpu: &Gpu, work: &mut Recorder, target: &Target, now: usize) -> Result<()> {
+    fn finish(&self, gpu: &Gpu, work: &mut Recorder, target: &Target, layers: u32) -> Result<()> {
+        let now = layers as usize % 2;
         let before = 1 - now;
         let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
         let draw = gpu
             .draw("skin/blend")
             .constant("LAST", 1.0)
+            .constant("FIRST", f64::from(u8::from(layers == 0)))
             .read(&self.sums[before])
             .read(&self.volumes[before])
             .read(&self.volumes[now])
@@ -431,4 +435,9 @@ impl Targets {
         draw.record(&mut pass, 3, 1);
         Ok(())
     }
+}
+
+fn clear(work: &mut Recorder, view: &wgpu::TextureView) {
+    let nothing = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
+    work.render_pass("skin/clear", &[attachment(view, nothing)], None);
 }
