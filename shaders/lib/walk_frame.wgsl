@@ -18,13 +18,19 @@ override CELLS: bool = false;
 @group(0) @binding(next) var gathered: texture_2d<f32>;
 @group(0) @binding(next) var occluder: texture_depth_2d;
 @group(0) @binding(next) var<storage, read_write> lost: array<atomic<u32>, 1>;
+// Of the layers of this parity the last that has a face in each tile.
+@group(0) @binding(next) var<storage, read> last_layers: array<u32>;
 @group(0) @binding(next) var<uniform> params: View;
 
-#import lib/fullscreen
+#import lib/tiles
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    return fullscreen(index);
+    if index < 3u {
+        return fullscreen(index);
+    }
+    let tile = tile_of_vertex(index, textureDimensions(starts));
+    return select(OUT_OF_SIGHT, tile.corner, last_layers[tile.number] == tile.layer);
 }
 
 struct Ray {

@@ -7,6 +7,7 @@
 #import lib/sight
 #each reads #import terms/TERM
 #import lib/face
+#import lib/tiles
 
 // The first layer has none before it.
 override FIRST: bool = false;
@@ -19,6 +20,8 @@ override ENOUGH: f32 = 0.9995;
 @group(0) @binding(next) var gathered: texture_2d<f32>;
 // Draw arguments that depend on this layer, 8 words a layer of this parity.
 @group(0) @binding(next) var<storage, read_write> arguments: array<atomic<u32>>;
+// Of the layers of this parity the last that has a face in each tile.
+@group(0) @binding(next) var<storage, read_write> last: array<atomic<u32>>;
 @group(0) @binding(next) var<uniform> params: View;
 
 struct Corner {
@@ -51,12 +54,12 @@ struct Start {
 fn fragment(corner: Corner) -> Start {
     let pixel = vec2<u32>(corner.position.xy);
     let ids = face_ids(corner.face);
-    var last = vec2(0u, NONE);
+    var nearer = vec2(0u, NONE);
     if !FIRST {
-        last = textureLoad(before, pixel, 0).xy;
+        nearer = textureLoad(before, pixel, 0).xy;
         // Where the layer before found nothing, this one finds nothing; and it is not the same,
         // however its depth is rounded here.
-        if last.y == NONE || ids.w == last.y {
+        if nearer.y == NONE || ids.w == nearer.y {
             discard;
         }
     }
@@ -67,14 +70,15 @@ fn fragment(corner: Corner) -> Start {
     }
     let depth = clamp(depth_of_z(params, met.z), 0.0, 1.0);
     if !FIRST {
-        let last_depth = bitcast<f32>(last.x);
-        let behind = depth < last_depth || (depth == last_depth && ids.w > last.y);
+        let nearer_depth = bitcast<f32>(nearer.x);
+        let behind = depth < nearer_depth || (depth == nearer_depth && ids.w > nearer.y);
         if !behind || textureLoad(gathered, pixel, 0).a > ENOUGH {
             discard;
         }
         let slot = (corner.layer >> 1u) * 8u;
         atomicStore(&arguments[slot + 1u], 1u);
         atomicStore(&arguments[slot + 5u], 1u);
+        atomicStore(&last[tile_at(pixel, textureDimensions(before))], corner.layer);
     }
     return Start(vec2(bitcast<u32>(depth), ids.w), depth);
 }

@@ -21,8 +21,10 @@ mod gpu_data {
 }
 
 /// Words of a layer's record of arguments: a draw of the boundary for the layer behind it, and
-/// a draw of a fullscreen triangle for its own walk.
+/// a draw for its own walk, of the whole picture or of tiles of it.
 const RECORD: usize = 8;
+/// Pixels of a tile each way; `lib/tiles.wgsl` has the same.
+const TILE: u32 = 16;
 const KEY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// What rays gather.
@@ -43,7 +45,9 @@ pub(super) struct Peel {
     /// What rays gathered up to even and odd layers.
     pub sums: [wgpu::TextureView; 2],
     /// Arguments of even and odd layers.
-    pub arguments: [wgpu::Buffer; 2],
+    arguments: [wgpu::Buffer; 2],
+    /// Of even and of odd layers the last that has a face in each tile; 0 for none but the first.
+    pub last_layers: [wgpu::Buffer; 2],
     depth: wgpu::TextureView,
     fresh_arguments: [wgpu::Buffer; 2],
     inside: wgpu::Buffer,
@@ -59,7 +63,7 @@ pub(super) struct Peel {
     start_back: Draw,
     start_first: Draw,
     start_next: [Draw; 2],
-    clear: Draw,
+    clear: [Draw; 2],
 }
 
 /// The draws that walk from the starts of a layer, for one mode.
@@ -89,7 +93,10 @@ impl Peel {
         let bound = wgpu::TextureUsages::TEXTURE_BINDING;
         let keys = [texture(KEY, bound)?, texture(KEY, bound)?];
         let sums = [texture(SUM, bound)?, texture(SUM, bound)?];
-        let [even, odd] = argument_records(corners, layers);
+        let tiles = size[0].div_ceil(TILE) * size[1].div_ceil(TILE);
+        let last = |name| gpu.buffer(name, 4 * u64::from(tiles.max(1)));
+        let last_layers = [last("last even layers")?, last("last odd layers")?];
+        let [even, odd] = argument_records(corners, tiles, layers);
         let arguments = [
             gpu.buffer_of("even layers", &even)?,
             gpu.buffer_of("odd layers", &odd)?,
@@ -122,9 +129,18 @@ impl Peel {
                 .read(&keys[1 - writes])
                 .read(&sums[1 - writes])
                 .write(&arguments[writes])
+                .write(&last_layers[writes])
                 .params(view)
                 .target(KEY, None)
                 .depth(DEPTH, wgpu::CompareFunction::Greater, true)
+                .prepare()
+        };
+        let clear = |writes: usize| {
+            gpu.draw("render/clear")
+                .read(&keys[1 - writes])
+                .read(&last_layers[1 - writes])
+                .target(KEY, None)
+                .depth(DEPTH, wgpu::CompareFunction::Always, true)
                 .prepare()
         };
         let cover = |stage: f64| {
@@ -169,15 +185,12 @@ impl Peel {
             start_back: start(true, true, 0)?,
             start_first: start(true, false, 0)?,
             start_next: [start(false, false, 0)?, start(false, false, 1)?],
-            clear: gpu
-                .draw("render/clear")
-                .target(KEY, None)
-                .depth(DEPTH, wgpu::CompareFunction::Always, true)
-                .prepare()?,
+            clear: [clear(0)?, clear(1)?],
             keys,
             sums,
             arguments,
             fresh_arguments,
+            last_layers,
             covered,
             inside,
             fresh_inside,
@@ -218,6 +231,9 @@ impl Peel {
             work.encoder()
                 .copy_buffer_to_buffer(fresh, 0, used, 0, fresh.size());
         }
+        for last in &self.last_layers {
+            work.encoder().clear_buffer(last, 0, None);
+        }
         self.project.record(work);
         self.cover.iter().for_each(|pass| pass.record(work));
         {
@@ -252,8 +268,7 @@ impl Peel {
                 let mut pass = work.render_pass("render/start", &[kept(&self.keys[parity])], depth);
                 let arguments = &self.arguments[before];
                 let offset = record_offset(layer - 1);
-                self.clear
-                    .record_indirect(&mut pass, arguments, offset + WALK_ARGUMENTS);
+                self.clear[parity].record_indirect(&mut pass, arguments, offset + WALK_ARGUMENTS);
                 self.start_next[parity].record_indirect(&mut pass, arguments, offset);
             }
             if layer < self.layers {
@@ -318,13 +333,19 @@ fn record_offset(layer: u32) -> u64 {
 }
 
 /// The arguments before a frame, for even and for odd layers: only layer 0 runs.
-fn argument_records(corners: u32, layers: u32) -> [Vec<u32>; 2] {
+fn argument_records(corners: u32, tiles: u32, layers: u32) -> [Vec<u32>; 2] {
     let mut records = [Vec::new(), Vec::new()];
     for layer in 0..=layers {
         let runs = u32::from(layer == 0);
         // The first vertex tells the layer behind its number; see start.wgsl.
         let first = (layer + 1).saturating_mul(corners);
-        records[layer as usize % 2].extend([corners, runs, first, 0, 3, runs, 0, 0]);
+        // And the walk its own; see lib/tiles.wgsl.
+        let [walked, from] = match layer {
+            0 => [3, 0],
+            _ => [6 * tiles, (6 * tiles).saturating_mul(layer)],
+        };
+        let record = [corners, runs, first, 0, walked, runs, from, 0];
+        records[layer as usize % 2].extend(record);
     }
     records
 }

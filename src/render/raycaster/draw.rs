@@ -161,8 +161,8 @@ impl Raycaster {
                 .constant("PROJECTED", f64::from(u8::from(projected)))
                 .read(&peel.sums[0])
                 .read(&peel.sums[1])
-                .read(&peel.arguments[0])
-                .read(&peel.arguments[1])
+                .read(&peel.last_layers[0])
+                .read(&peel.last_layers[1])
                 .params(&params)
                 .target(format, blend.then_some(over))
                 .prepare()?;
@@ -284,6 +284,7 @@ impl Raycaster {
                 .read(sum)
                 .read(opaque)
                 .write(&self.lost)
+                .read(&peel.last_layers[writes])
                 .params(view)
                 .target(SUM, None)
                 .prepare()

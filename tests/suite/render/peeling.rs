@@ -17,7 +17,7 @@ fn boxes(list: &[([f64; 3], [f64; 3], usize)]) -> TetMesh {
     TetMesh::new(nodes, tets, Vec::new(), Vec::new()).unwrap()
 }
 
-fn check(mesh: &TetMesh, layers: u32) {
+fn check(mesh: &TetMesh, layers: u32, size: [u32; 2]) {
     let gpu = gpu();
     let options = RaycastOptions {
         layers,
@@ -37,7 +37,6 @@ fn check(mesh: &TetMesh, layers: u32) {
         Camera::orthographic(eye, DVec3::ZERO, DVec3::Y, 3.2),
         Camera::orthographic(DVec3::X * 4.0, DVec3::ZERO, DVec3::Y, 2.71),
     ] {
-        let size = [128, 128];
         let image = scene.caster.image(&camera, size, Mode::Thickness).unwrap();
         let truth = scene
             .truth
@@ -63,7 +62,20 @@ fn touching_duplicated_and_coplanar_boxes() {
             ([-0.5, -0.5, -1.0], [1.2, 1.0, 2.0], 2),
         ]),
         8,
+        [128, 128],
     );
+}
+
+#[test]
+fn layers_that_end_in_different_parts_of_the_picture() {
+    // Ever smaller ones, beside each other and apart.
+    let plates: Vec<_> = (0..7)
+        .flat_map(|i| {
+            let (z, side) = (-1.0 + 0.3 * f64::from(i), 0.9 / f64::from(i + 1));
+            [-1.0, 0.1].map(|x| ([x, -x * 0.5 - 0.4, z], [side, 1.3 * side, 0.12], 1))
+        })
+        .collect();
+    check(&boxes(&plates), 14, [131, 97]);
 }
 
 #[test]
@@ -72,7 +84,7 @@ fn many_layers_and_too_few() {
         .map(|i| ([-1.0, -1.0, -1.0 + 0.22 * f64::from(i)], [2.0, 2.0, 0.1], 1))
         .collect();
     let mesh = boxes(&plates);
-    check(&mesh, 9);
+    check(&mesh, 9, [128, 128]);
     let gpu = gpu();
     let options = RaycastOptions {
         layers: 8,
