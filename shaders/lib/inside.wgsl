@@ -120,7 +120,7 @@ fn surface_seen(which: u32, spot: Spot, row: u32, ray: Ray) -> vec4<f32> {
     if LIT {
         var gradient = spot.gradient;
 #any scan         gradient = scan_gradient(0u, spot.rest);
-        var light = shade_surface(params, gradient, ray.way);
+        var light = shade_surface(gradient, ray.lights);
         if SHADOWED {
             light *= spot.bright;
         }

@@ -113,7 +113,7 @@ fn seen_in_light(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
         var gradient = 0.5 * (part.front.gradient + part.back.gradient);
 #any scan         if seen.a <= 0.0 { return seen; }
 #any scan         gradient = scan_gradient(0u, 0.5 * (part.front.rest + part.back.rest));
-        var light = shade(params, gradient, ray.way);
+        var light = shade(gradient, ray.lights);
         if SHADOWED {
             light *= 0.5 * (part.front.bright + part.back.bright);
         }

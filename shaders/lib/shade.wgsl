@@ -1,6 +1,5 @@
 // Light on what a ray passes: Blinn and Phong's, on both sides of a gradient, the more the steeper
-// it is. The twin of `render::light::shade`. Needs lib/view, and `params: View` of the shader
-// that imports it.
+// it is. The twin of `render::light::shade`. Needs lib/view.
 
 // Whether there is light.
 override LIT: bool = false;
@@ -13,30 +12,48 @@ override NODE_LIGHT: bool = false;
 const AMBIENT: f32 = 0.4;
 const DIFFUSE: f32 = 0.7;
 const SHINE: f32 = 0.22;
-const GLOSS: f32 = 32.0;
 const FAINT: f32 = 2.0;
 
-// The factor on colours, and what is added to them in proportion to opacity; `ray` is the unit
-// direction away from the eye, and all is in the local frame.
-fn shade(view: View, gradient: vec3<f32>, ray: vec3<f32>) -> vec2<f32> {
+// Unit directions from what a ray passes, in the local frame: towards the light, and halfway between
+// that and the eye.
+struct Lights {
+    towards: vec3<f32>,
+    half_way: vec3<f32>,
+}
+
+// Those of a ray in the unit direction `way` away from the eye.
+fn lights_on(view: View, way: vec3<f32>) -> Lights {
+    let towards = select(view.light.xyz, -way, view.light.w > 0.5);
+    let half_way = towards - way;
+    return Lights(towards, half_way / max(length(half_way), 1e-6));
+}
+
+// The factor on colours, and what is added to them in proportion to opacity; all is in the local frame.
+fn shade(gradient: vec3<f32>, lights: Lights) -> vec2<f32> {
     let steep = length(gradient);
-    return shade_by(view, gradient, ray, steep / (steep + FAINT));
+    return shade_by(gradient, lights, steep / (steep + FAINT));
 }
 
 // The same of a surface that the gradient stands on, however steep.
-fn shade_surface(view: View, gradient: vec3<f32>, ray: vec3<f32>) -> vec2<f32> {
-    return shade_by(view, gradient, ray, 1.0);
+fn shade_surface(gradient: vec3<f32>, lights: Lights) -> vec2<f32> {
+    return shade_by(gradient, lights, 1.0);
 }
 
-fn shade_by(view: View, gradient: vec3<f32>, ray: vec3<f32>, weight: f32) -> vec2<f32> {
+fn shade_by(gradient: vec3<f32>, lights: Lights, weight: f32) -> vec2<f32> {
     let steep = length(gradient);
     if steep < 1e-6 {
         return vec2(1.0, 0.0);
     }
     let n = gradient / steep;
-    let light = select(view.light.xyz, -ray, view.light.w > 0.5);
-    let half_way = light - ray;
-    let l = length(half_way);
-    let facing = select(0.0, abs(dot(n, half_way)) / max(l, 1e-6), l > 1e-6);
-    return vec2(mix(1.0, AMBIENT + DIFFUSE * abs(dot(n, light)), weight), SHINE * weight * pow(facing, GLOSS));
+    let diffuse = AMBIENT + DIFFUSE * abs(dot(n, lights.towards));
+    return vec2(mix(1.0, diffuse, weight), SHINE * weight * gloss(abs(dot(n, lights.half_way))));
+}
+
+// x^32, without the logarithm of pow.
+fn gloss(x: f32) -> f32 {
+    let x2 = x * x;
+    let x4 = x2 * x2;
+    let x8 = x4 * x4;
+    let x16 = x8 * x8;
+    return x16 * x16;
 }

@@ -39,8 +39,8 @@ struct Ray {
     // In the local frame: point(z) = foot + z run.
     foot: vec3<f32>,
     run: vec3<f32>,
-    // Its unit direction.
-    way: vec3<f32>,
+    // If LIT: where light comes from.
+    lights: Lights,
     // What a step in z is worth in the unit of the mode.
     scale: f32,
     // z at which it ends.
@@ -62,7 +62,7 @@ fn ray_at(position: vec2<f32>) -> Ray {
     let run = slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz;
     let length = sqrt(1.0 + dot(slope, slope));
     let scale = length * select(params.unit, params.opacity, MODE == COMPOSITE);
-    return Ray(sight, foot, run, run / length, scale, 3e38);
+    return Ray(sight, foot, run, lights_on(params, run / length), scale, 3e38);
 }
 
 // The ray a hair beside.

@@ -104,10 +104,12 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var mark = NONE;
     var steps = 0u;
     var dead = false;
+    // Whether it came to something opaque.
+    var ended = false;
     var last = code >> 2u;
     loop {
         let t = at_face >> 2u;
-        if (at_face == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) {
+        if (at_face == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) | ended {
             break;
         }
         // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
@@ -150,9 +152,9 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
                 break;
             }
             next_z = max(next_z, here.z);
-            if OCCLUDED && next_z > ray.end {
-                let end = spot_at(t, ray, max(here.z, ray.end));
-                return Walked(on_segment(sum, Segment(here, end, t), ray), true, vec2(first, end.z));
+            if OCCLUDED {
+                ended = next_z > ray.end;
+                next_z = select(next_z, max(here.z, ray.end), ended);
             }
         }
         let next = spot_at(t, ray, next_z);
@@ -165,7 +167,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         here = next;
     }
     let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARDS);
-    if is_opaque(sum) {
+    if is_opaque(sum) | ended {
         return Walked(sum, true, reach);
     }
     // It must have come out at a point of the tet it was in last.

@@ -11,8 +11,6 @@
 @group(0) @binding(next) var tets: texture_2d<u32>;
 // One scalar a tet, if CELLS.
 @group(0) @binding(next) var cells: texture_2d<f32>;
-// The gradient at each node, if NODE_LIGHT; in w the share of light that comes there, if SHADOWED.
-@group(0) @binding(next) var gradients: texture_2d<f32>;
 
 #each table #import terms/TERM
 #each scan #import terms/TERM
@@ -28,10 +26,6 @@
 fn seen(i: u32, sight: Sight) -> vec4<f32> {
     let q = projected_at(i);
     return vec4(off_ray(q.xyz, sight), q.zw);
-}
-
-fn gradient_at(i: u32) -> vec4<f32> {
-    return textureLoad(gradients, at(i), 0);
 }
 
 // Where node i is, in the local frame.
@@ -89,11 +83,13 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     }
     let first = here.z;
     var last = t;
+    // Whether it came to something opaque.
+    var ended = false;
     let cap = params.cap;
     var mark = NONE;
     var steps = 0u;
     loop {
-        if (t == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) {
+        if (t == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) | ended {
             break;
         }
         // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
@@ -159,10 +155,12 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             sum = before_end(sum, Segment(next, here, t), ray);
         } else {
             next.z = clamp(next.z, here.z, max(here.z, max(a.z, max(b.z, c.z))));
-            if OCCLUDED && next.z > ray.end {
-                next = between(here, next, clamp((ray.end - here.z) / (next.z - here.z), 0.0, 1.0));
-                next.z = max(here.z, ray.end);
-                return Walked(on_segment(sum, Segment(here, next, t), ray), true, vec2(first, next.z));
+            if OCCLUDED {
+                ended = next.z > ray.end;
+                if ended {
+                    next = between(here, next, clamp((ray.end - here.z) / (next.z - here.z), 0.0, 1.0));
+                    next.z = max(here.z, ray.end);
+                }
             }
             sum = on_segment(sum, Segment(here, next, t), ray);
         }
@@ -171,7 +169,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         all = link.y;
     }
     let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARDS);
-    if is_opaque(sum) {
+    if is_opaque(sum) | ended {
         return Walked(sum, true, reach);
     }
     // It must have come out through a face of the tet it was in last.

@@ -6,6 +6,8 @@
 // Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
 // exclusive or of its nodes.
 @group(0) @binding(next) var links: texture_2d<u32>;
+// The gradient at each node, if NODE_LIGHT; in w the share of light that comes there, if SHADOWED.
+@group(0) @binding(next) var gradients: texture_2d<f32>;
 
 fn projected_at(i: u32) -> vec4<f32> {
     return textureLoad(projected, at(i), 0);
@@ -13,6 +15,10 @@ fn projected_at(i: u32) -> vec4<f32> {
 
 fn link_at(i: u32) -> vec2<u32> {
     return textureLoad(links, at(i), 0).xy;
+}
+
+fn gradient_at(i: u32) -> vec4<f32> {
+    return textureLoad(gradients, at(i), 0);
 }
 
 #for render/walk_planes

@@ -150,7 +150,7 @@ fn in_light(k: u32, seen: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
         if seen.a <= 0.0 {
             return seen;
         }
-        var light = shade(params, scan_gradient(k, 0.5 * (part.front.rest + part.back.rest)), ray.way);
+        var light = shade(scan_gradient(k, 0.5 * (part.front.rest + part.back.rest)), ray.lights);
         if SHADOWED {
             light *= 0.5 * (part.front.bright + part.back.bright);
         }

@@ -6,6 +6,8 @@
 // Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
 // exclusive or of its nodes.
 @group(0) @binding(next) var links: texture_storage_2d<rg32uint, read>;
+// The gradient at each node, if NODE_LIGHT; in w the share of light that comes there, if SHADOWED.
+@group(0) @binding(next) var gradients: texture_storage_2d<rgba32float, read>;
 
 fn projected_at(i: u32) -> vec4<f32> {
     return textureLoad(projected, at(i));
@@ -13,6 +15,10 @@ fn projected_at(i: u32) -> vec4<f32> {
 
 fn link_at(i: u32) -> vec2<u32> {
     return textureLoad(links, at(i)).xy;
+}
+
+fn gradient_at(i: u32) -> vec4<f32> {
+    return textureLoad(gradients, at(i));
 }
 
 #for render/walk_planes

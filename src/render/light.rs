@@ -11,7 +11,7 @@ use std::str::FromStr;
 const AMBIENT: f64 = 0.4;
 const DIFFUSE: f64 = 0.7;
 const SHINE: f64 = 0.22;
-const GLOSS: f64 = 32.0;
+const GLOSS: i32 = 32;
 /// A gradient of this length, in ranges of the scalar over the size of the body, is lit by half.
 pub(in crate::render) const FAINT: f64 = 2.0;
 /// How long the direction into a body, or from one region into another, is taken to be.
@@ -199,7 +199,7 @@ fn shade_by(light: Light, gradient: DVec3, ray: DVec3, weight: f64) -> [f64; 2] 
     let diffuse = AMBIENT + DIFFUSE * n.dot(towards).abs();
     [
         1.0 + weight * (diffuse - 1.0),
-        SHINE * weight * facing.powf(GLOSS),
+        SHINE * weight * facing.powi(GLOSS),
     ]
 }
 

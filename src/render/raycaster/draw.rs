@@ -223,6 +223,7 @@ impl Raycaster {
                     .draw(&name)
                     .read(&geometry.projected)
                     .read(&geometry.links)
+                    .read(gradients)
                     .read(&geometry.tets)
                     .read(&geometry.cells),
                 Walk::Planes => {
@@ -235,9 +236,10 @@ impl Raycaster {
                         .read(&geometry.cells)
                         .read(&geometry.tets)
                         .read(&geometry.positions)
+                        .read(gradients)
                 }
             };
-            let mut builder = builder.read(gradients).read(&looks.table.view);
+            let mut builder = builder.read(&looks.table.view);
             if form.is_sampled() {
                 builder = builder.read(&self.sampler);
             }
