@@ -175,7 +175,7 @@ pub(crate) struct Frames {
     ui_ms: f64,
     driver_ms: f64,
     /// When the interface was done with the last frame.
-    done: Instant,
+    pub done: Instant,
     /// Since when the view has been moved that no picture shows yet.
     pub moved: Option<Instant>,
     /// Where the pointer is, and whether a button of it is down; keys that were hit.
@@ -436,8 +436,9 @@ impl eframe::App for App {
             document.hold(held, pressed);
         }
         self.keys(&context);
+        let patience = self.keep_in_touch(&context);
         if let Some(show) = &mut self.show {
-            show.tick(began);
+            show.tick(patience);
             if let Some(remark) = show.remark.take() {
                 self.said = (remark, false);
             }

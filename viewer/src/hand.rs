@@ -10,7 +10,11 @@ use palpate::Result;
 use palpate::mesh::{Blade, Location};
 use palpate::physics::BodyField;
 use palpate::render::{Camera, Pick, Ray};
+use std::time::Duration;
 use web_time::Instant;
+
+/// So long after the frame before, one of a body in touch waits for its step.
+const PATIENCE: Duration = Duration::from_millis(50);
 
 /// What the left button does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -340,6 +344,20 @@ impl App {
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn repaint(&self) {
         self.context.request_repaint();
+    }
+
+    /// Has what is pressed or pulled go to where the pointer is. Until when this frame may wait for the step
+    /// under way: of a body in touch, frames in which it is where it was take from the step.
+    pub(crate) fn keep_in_touch(&mut self, context: &egui::Context) -> Option<Instant> {
+        if !matches!(self.stroke, Stroke::Press(..) | Stroke::Grab(..)) {
+            return None;
+        }
+        let at = context.input(|i| i.pointer.latest_pos());
+        if let (Some(at), Some(area)) = (at, self.area) {
+            let done = self.draw_on(at, DVec2::ZERO, area);
+            self.tell_error(done);
+        }
+        Some(self.frames.done + PATIENCE)
     }
 
     /// Goes on with what was begun: the pointer is at a point, and moved by parts of the height.

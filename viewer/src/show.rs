@@ -392,13 +392,25 @@ impl Show {
         }
     }
 
-    /// Stepping.
-    pub fn stepping(&mut self) -> bool {
-        self.under_way && self.stage.under_way().unwrap_or(false)
+    /// Whether a step is under way; one on the processor is waited for until then.
+    fn under_way_until(&mut self, until: Option<Instant>) -> Result<bool> {
+        let on_cpu = |motion: &Motion| motion.engine() == Engine::Cpu;
+        // In a browser steps are done once they are asked for.
+        let waits = !cfg!(target_arch = "wasm32") && self.stage.motion().is_some_and(on_cpu);
+        loop {
+            let under_way = self.stage.under_way()?;
+            if !(under_way && waits && until.is_some_and(|until| Instant::now() < until)) {
+                return Ok(under_way);
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
-    /// Has the body go on to `now`: takes over steps that are done, and asks for more of them.
-    pub fn tick(&mut self, now: Instant) {
+    /// Has the body go on to now: takes over steps that are done, and asks for more of them. One that is
+    /// under way is waited for `until` then, if it says so.
+    pub fn tick(&mut self, until: Option<Instant>) {
+        let under_way = self.under_way_until(until);
+        let now = Instant::now();
         let passed = now.duration_since(self.last);
         self.last = now;
         self.count(now);
@@ -410,7 +422,7 @@ impl Show {
             true => self.owed += self.speed * passed.min(OWED).as_secs_f64(),
             false => self.owed = 0.0,
         }
-        match self.stage.under_way() {
+        match under_way {
             Ok(true) => return,
             // What it led to is seen now.
             Ok(false) if std::mem::take(&mut self.under_way) => {
