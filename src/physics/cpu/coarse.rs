@@ -1,8 +1,8 @@
 //! A coarse space for conjugate gradients: the six rigid motions of every group of nodes.
 //!
 //! Block Jacobi takes what is rough out of an error in a few iterations and the smooth rest in
-//! hundreds; stiff parts in soft ones are worse still. Rigid motions of groups of some 40 nodes
-//! (Galerkin, added to block Jacobi) catch that rest.
+//! hundreds; stiff parts in soft ones are worse still. Rigid motions of groups of nodes, 40 in a small
+//! body and hundreds in a large one (Galerkin, added to block Jacobi), catch that rest.
 
 use super::cholesky::{Block, Cholesky, V8};
 use super::pool::Plan;
