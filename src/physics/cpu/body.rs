@@ -24,9 +24,13 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Groups of nodes over the cube root of their number. The groups' rigid motions are the coarse space:
-/// twice as many take a tenth off the iterations, and make each dearer, of large bodies the more.
-const GROUPS: f64 = 3.5;
+/// Groups of nodes over the root of their number, of small bodies. The groups' rigid motions are the
+/// coarse space: twice as many take a tenth off the iterations, and make each dearer.
+const GROUPS: f64 = 3.0;
+
+/// From so many on they become more as the cube root of the nodes, and so many over that at least.
+const MANY: f64 = 45.0;
+const MORE: f64 = 3.5;
 
 /// The tolerance of Newton's iterations by the midpoint rule, where nothing is said.
 const MIDPOINT: f64 = 1e-5;
@@ -134,8 +138,9 @@ impl<T: Real> CpuBody<T> {
         }
         let units = Units::of(network);
         let most = |nodes: usize| {
-            let groups = GROUPS * (nodes as f64).cbrt();
-            (nodes as f64 / groups).ceil() as usize
+            let nodes = nodes as f64;
+            let groups = (GROUPS * nodes.sqrt()).min(MANY).max(MORE * nodes.cbrt());
+            (nodes / groups).ceil() as usize
         };
         let real = nodes;
         let (network, lumps, rigid) = laid_out(network, kind, &units, most)?;
