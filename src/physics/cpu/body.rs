@@ -29,7 +29,7 @@ use std::sync::Arc;
 const GROUPS: f64 = 3.0;
 
 /// From so many on they become more as the cube root of the nodes, and so many over that at least.
-const MANY: f64 = 45.0;
+const MANY: f64 = 60.0;
 const MORE: f64 = 3.5;
 
 /// The tolerance of Newton's iterations by the midpoint rule, where nothing is said.
