@@ -83,7 +83,8 @@ pub struct Show {
     /// The number of the tool that is the finger, or why there is none.
     finger: std::result::Result<usize, String>,
     press: Option<Press>,
-    grab: Option<(GrabId, DVec3)>,
+    /// What is held, where it was, and how far it was moved from there.
+    grab: Option<(GrabId, DVec3, DVec3)>,
     /// Where it is to be cut, after how many edits of the scene, and whether again.
     blade: Option<(Blade, usize, bool)>,
     /// What was done to it by hand.
@@ -631,7 +632,7 @@ impl Show {
         let motion = self.stage.motion_mut().ok_or_else(still)?;
         self.failed = false;
         let id = motion.simulator.grab(pick.point, reach, Grip::Follow)?;
-        self.grab = Some((id, pick.point));
+        self.grab = Some((id, pick.point, DVec3::ZERO));
         Ok(())
     }
 
@@ -640,8 +641,11 @@ impl Show {
     /// # Errors
     /// As [`Simulator::set_target`](palpate::physics::Simulator::set_target).
     pub fn pull(&mut self, moved: DVec3) -> Result<()> {
-        if let (Some((id, from)), Some(motion)) = (self.grab, self.stage.motion_mut()) {
-            motion.simulator.set_target(id, from + moved)?;
+        if let (Some((id, from, last)), Some(motion)) = (&mut self.grab, self.stage.motion_mut())
+            && *last != moved
+        {
+            motion.simulator.set_target(*id, *from + moved)?;
+            *last = moved;
             self.stirred = true;
         }
         Ok(())
@@ -652,7 +656,7 @@ impl Show {
     /// # Errors
     /// As [`Simulator::release`](palpate::physics::Simulator::release).
     pub fn release(&mut self) -> Result<()> {
-        if let (Some((id, _)), Some(motion)) = (self.grab.take(), self.stage.motion_mut()) {
+        if let (Some((id, ..)), Some(motion)) = (self.grab.take(), self.stage.motion_mut()) {
             motion.simulator.release(id)?;
             self.stirred = true;
         }
