@@ -173,12 +173,15 @@ impl<'e> Recorder<'e> {
     /// As [`Gpu::check`].
     pub fn submit(mut self) -> Result<()> {
         self.open = None;
-        if let Some(marks) = self.marks.take() {
-            let gpu = self.gpu.clone();
-            marks.resolve(&gpu, self.encoder());
-        }
+        let marks = self.marks.take();
+        let gpu = self.gpu.clone();
+        let times = marks.and_then(|marks| marks.resolve(&gpu, self.encoder()));
         if let Encoder::Own(encoder) = self.encoder {
             self.gpu.submit([encoder.finish()]);
+        }
+        // Only now: `Gpu::timings` on another thread must not map a buffer before its submission.
+        if let Some(times) = times {
+            self.gpu.timer().add(times);
         }
         self.gpu.check()
     }

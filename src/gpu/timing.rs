@@ -16,8 +16,11 @@ pub(super) struct Timer {
     on: AtomicBool,
     /// Nanoseconds a tick; `None` where the device has no timestamps.
     period: Option<f32>,
-    pending: Mutex<Vec<(Vec<String>, wgpu::Buffer)>>,
+    pending: Mutex<Vec<PassTimes>>,
 }
+
+/// The names of timed passes, and the mappable buffer that receives their timestamps.
+pub(super) type PassTimes = (Vec<String>, wgpu::Buffer);
 
 /// The timestamps of one recording.
 pub(super) struct Marks {
@@ -48,6 +51,13 @@ impl Timer {
     }
 }
 
+impl Timer {
+    /// Keeps the times of a submitted recording for [`Gpu::timings`].
+    pub(super) fn add(&self, times: PassTimes) {
+        lock(&self.pending).push(times);
+    }
+}
+
 impl Marks {
     /// The query set and the two queries of the next pass.
     pub(super) fn next(&mut self, name: &str) -> Option<(wgpu::QuerySet, u32, u32)> {
@@ -58,9 +68,14 @@ impl Marks {
         })
     }
 
-    pub(super) fn resolve(self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+    /// Records the copy of the timestamps to a mappable buffer; `None` if no pass was timed.
+    pub(super) fn resolve(
+        self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+    ) -> Option<PassTimes> {
         if self.names.is_empty() {
-            return;
+            return None;
         }
         let count = 2 * self.names.len() as u32;
         let buffer = |usage| {
@@ -75,7 +90,7 @@ impl Marks {
         let mappable = buffer(wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
         encoder.resolve_query_set(&self.queries, 0..count, &resolved, 0);
         encoder.copy_buffer_to_buffer(&resolved, 0, &mappable, 0, u64::from(count) * 8);
-        lock(&gpu.timer().pending).push((self.names, mappable));
+        Some((self.names, mappable))
     }
 }
 
