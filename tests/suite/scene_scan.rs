@@ -161,6 +161,7 @@ fn unlike(a: &Image, b: &Image) -> f64 {
 type Case<'a> = (&'a str, &'a str, &'a [(&'a str, &'a str)]);
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_scan_is_seen_as_a_field_with_all_that_scenes_have() {
     let folder = files("alike");
     // What more a scene has, and words of it that are replaced.

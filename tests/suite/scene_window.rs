@@ -92,11 +92,17 @@ fn who_waits_for_nothing_is_called() {
     stage.motion_mut().unwrap().simulator.set_waker(waker);
     stage.ask(1).unwrap();
     let since = Instant::now();
-    while calls.load(Ordering::Relaxed) == 0 {
-        assert!(since.elapsed() < Duration::from_secs(60), "nobody called");
+    let mut answered = 0;
+    loop {
+        let now = calls.load(Ordering::Relaxed);
+        // Loads that arrive before the step call too: only the state counts, looked at after a call.
+        if now > answered && !stage.under_way().unwrap() {
+            break;
+        }
+        answered = now;
+        assert!(since.elapsed() < Duration::from_secs(600), "nobody called");
         std::thread::sleep(Duration::from_millis(1));
     }
-    assert!(!stage.under_way().unwrap());
     assert!(stage.time() > 0.0);
 }
 

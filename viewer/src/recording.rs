@@ -173,14 +173,14 @@ mod tests {
             values: [grey, grey, grey, 1.0].repeat(16 * 12),
         };
         recording.hand(picture(0.2));
-        std::thread::sleep(Duration::from_millis(500));
+        recording.began -= Duration::from_millis(500);
         // One that took long stands for all that were due.
         recording.hand(picture(0.8));
         let handed = recording.handed;
-        assert!((6..=12).contains(&handed), "{handed}");
+        assert!((6..=recording.due()).contains(&handed), "{handed}");
         assert!(!file.exists(), "it has its name once it is whole");
         recording.pictures = None;
-        let wait = recording.ended.recv_timeout(Duration::from_secs(20));
+        let wait = recording.ended.recv_timeout(Duration::from_secs(600));
         assert_eq!(wait.unwrap().unwrap(), handed);
         assert!(std::fs::read(&file).unwrap().starts_with(b"GIF89a"));
         assert!(

@@ -129,7 +129,12 @@ fn a_frame_is_drawn_before_the_next_one_comes() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let mut writer = std::fs::File::create(&pipe).unwrap();
+    // Read and write: opening a pipe for writing alone would block for ever had the child died.
+    let mut writer = std::fs::File::options()
+        .read(true)
+        .write(true)
+        .open(&pipe)
+        .unwrap();
     writer
         .write_all(&stream(&mesh, true, &frames[..1]))
         .unwrap();
@@ -138,7 +143,7 @@ fn a_frame_is_drawn_before_the_next_one_comes() {
     let waited = std::time::Instant::now();
     while !first.exists() {
         assert!(
-            waited.elapsed().as_secs() < 120,
+            waited.elapsed().as_secs() < 600 && child.try_wait().unwrap().is_none(),
             "the first frame is not drawn"
         );
         std::thread::sleep(std::time::Duration::from_millis(20));

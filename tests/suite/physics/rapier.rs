@@ -78,6 +78,7 @@ fn momentum(body: &dyn Simulator) -> DVec3 {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_bar_comes_to_rest_where_the_processors_does() {
     // rapier's corotated law has a volume term of its own: they agree where strains are small.
     for (model, near) in [
@@ -201,6 +202,7 @@ fn state_is_what_was_set() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn grabs_hold_pull_and_let_go() {
     let tip = DVec3::new(0.8, 0.1, 0.1);
     let lift = DVec3::new(0.0, 0.05, 0.1);
@@ -278,6 +280,7 @@ fn pressed(
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn tools_press_and_are_pressed() {
     // In metres, and in millimetres.
     for (unit, cylinder) in [(1.0, true), (1e-3, false)] {
@@ -347,6 +350,7 @@ fn a_block_falls_onto_a_plane_and_rests() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn pieces_feel_each_other_where_they_are_to() {
     for contact in [true, false] {
         let low = generate::bar([3; 3], DVec3::splat(0.1)).unwrap();

@@ -215,6 +215,7 @@ fn bone_hangs_in_flesh_as_on_the_processor() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn bones_follow_what_holds_them() {
     let tip = DVec3::new(0.8, 0.1, 0.1);
     let lift = DVec3::new(0.0, 0.03, 0.08);
@@ -347,6 +348,7 @@ size = [48, 32]
 "#;
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn weights_rest_on_what_is_soft_and_arms_hang_on_joints() {
     let gpu = gpu();
     let mut stage = Stage::new(&gpu, &Scene::parse(SCENE).unwrap()).unwrap();

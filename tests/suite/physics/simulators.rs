@@ -230,7 +230,8 @@ fn steps_are_asked_for_and_arrive() {
             let now = simulator.progress().unwrap().steps;
             assert!(now >= known && now <= 12, "{name}: {known} {now}");
             known = now;
-            assert!(start.elapsed().as_secs() < 60, "{name}: {known} steps");
+            assert!(start.elapsed().as_secs() < 600, "{name}: {known} steps");
+            std::thread::sleep(std::time::Duration::from_millis(1));
         }
         assert_eq!(simulator.finish().unwrap().steps, 12, "{name}");
         // What is drawn is where the body is, and is noticed.

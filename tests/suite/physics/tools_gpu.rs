@@ -146,6 +146,7 @@ fn slid(degrees: f64) -> [f64; 3] {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn a_block_holds_below_the_angle_of_friction_and_slides_above() {
     let angle = 0.5f64.atan().to_degrees();
     let [quarter, half, borne] = slid(angle - 1.0);

@@ -170,21 +170,31 @@ pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Inside)> {
 
 #[test]
 fn planes_and_isosurfaces_are_those_of_the_float64_form() {
-    let gpu = gpu();
     let round = generate::Bore::Round;
-    let bodies = [
+    compare_with_float64(&[
         (
             "duct",
             generate::duct([6, 6, 6], DVec3::ONE, round).unwrap(),
         ),
         ("slivers", slivers()),
+    ]);
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn planes_and_isosurfaces_of_organs_are_those_of_the_float64_form() {
+    compare_with_float64(&[
         ("limb", generate::by_name("limb", Some(2_000)).unwrap()),
         (
             "bar",
             generate::bar_of_about(600, generate::PAPER_BAR_SIZE).unwrap(),
         ),
         ("foot", generate::by_name("foot", Some(5_000)).unwrap()),
-    ];
+    ]);
+}
+
+fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
+    let gpu = gpu();
     let mut wrong = Vec::new();
     for (n, (name, mesh)) in bodies.iter().enumerate() {
         let outside = Camera::framing(mesh);

@@ -252,6 +252,7 @@ fn a_bend_is_that_of_its_points() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn planes_isosurfaces_and_light_see_the_scan() {
     let scan = scan_of(phantom());
     let mesh = generate::box_mesh([4; 3], DVec3::ONE, generate::Split::Six).unwrap();
@@ -458,6 +459,7 @@ fn without_scans_scalars_are_drawn_as_they_were() {
 }
 
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn x_rays_meet_as_much_however_the_body_is_bent() {
     let scan = scan_of(phantom());
     let mesh = generate::box_mesh([4; 3], DVec3::ONE, generate::Split::Six).unwrap();

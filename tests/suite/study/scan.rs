@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 /// The quick study: pictures by cages are near the truth, coarser ones less so, and those by values
 /// far from it, as far as its meshes go. A second run has nothing left to measure.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn the_quick_study_finds_cages_sharper_than_values() {
     let dir = tempfile::tempdir().unwrap();
     let run = |stop: bool| {

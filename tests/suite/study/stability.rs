@@ -307,6 +307,7 @@ fn the_edge_of_grids() {
 
 /// The quick study has failing cells among its own, and theory is right about all of them.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn the_quick_study_maps_what_fails() {
     let dir = tempfile::tempdir().unwrap();
     let run = |stop: bool| {
