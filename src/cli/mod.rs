@@ -4,6 +4,7 @@ mod bake;
 mod compare;
 mod convert;
 mod demo;
+mod driver;
 mod film;
 mod flags;
 mod frames;
@@ -115,17 +116,17 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let adapter = arguments.adapter.as_deref();
     match &arguments.command {
         Command::Info(arguments) => info::run(arguments),
-        Command::Render(arguments) => render::run(&Gpu::with_adapter(adapter)?, arguments),
-        Command::Simulate(arguments) => simulate::run(&Gpu::with_adapter(adapter)?, arguments),
-        Command::Press(arguments) => press::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Render(arguments) => render::run(&driver::gpu(adapter)?, arguments),
+        Command::Simulate(arguments) => simulate::run(&driver::gpu(adapter)?, arguments),
+        Command::Press(arguments) => press::run(&driver::gpu(adapter)?, arguments),
         Command::Mesh(arguments) => mesh::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Bake(arguments) => bake::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
-        Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Demo(arguments) => demo::run(&driver::gpu(adapter)?, arguments),
         #[cfg(feature = "study")]
-        Command::Study(arguments) => study::run(&Gpu::with_adapter(adapter)?, arguments),
-        Command::Tune(arguments) => tune::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Study(arguments) => study::run(&driver::gpu(adapter)?, arguments),
+        Command::Tune(arguments) => tune::run(&driver::gpu(adapter)?, arguments),
         Command::View(arguments) => view::run(arguments),
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),
@@ -134,9 +135,11 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 fn adapters(wanted: Option<&str>) -> anyhow::Result<Outcome> {
+    let (chosen, all) = driver::heard(wanted, || {
+        Ok((Gpu::with_adapter(wanted)?.adapter_name(), Gpu::adapters()))
+    })?;
     let mut out = std::io::stdout().lock();
-    let chosen = Gpu::with_adapter(wanted)?.adapter_name();
-    for (i, name) in Gpu::adapters().iter().enumerate() {
+    for (i, name) in all.iter().enumerate() {
         let mark = if *name == chosen { "*" } else { " " };
         writeln!(out, "{mark} {i}: {name}")?;
     }

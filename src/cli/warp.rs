@@ -1,9 +1,8 @@
 //! `palpate warp`: a scan in the bent body, and the motion as a field.
 
-use super::{Outcome, progress, tell};
+use super::{Outcome, driver, progress, tell};
 use clap::Args;
 use glam::DVec3;
-use palpate::gpu::Gpu;
 use palpate::io;
 use palpate::mesh::TetMesh;
 use palpate::scene::{Run, STEPS, Scene, Stage};
@@ -135,7 +134,7 @@ fn of_scene(
         steps: scene.solver.steps.unwrap_or(STEPS),
         drawn: false,
     });
-    let gpu = Gpu::with_adapter(adapter)?;
+    let gpu = driver::gpu(adapter)?;
     let mut stage = progress::during("preparing", || Stage::new(&gpu, &scene))?;
     tell(stage.notes());
     if stage.motion().is_none() {
