@@ -27,6 +27,7 @@ use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Press on a body and see inside it while it gives.
 #[derive(Parser)]
@@ -35,6 +36,9 @@ struct Arguments {
     /// The graphics adapter: part of its name, its index in `palpate adapters`, or cpu
     #[arg(long, global = true, env = ADAPTER_VARIABLE)]
     adapter: Option<String>,
+    /// Print no progress and no notes on standard error; errors still come
+    #[arg(long, short, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -74,6 +78,14 @@ enum Command {
     Adapters,
 }
 
+/// Whether standard error is for errors alone.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Whether standard error is for errors alone (`--quiet`).
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
 /// How a command ended, when nothing went wrong.
 pub enum Outcome {
     /// All is well.
@@ -86,6 +98,7 @@ pub enum Outcome {
 /// 1 failed (or `compare` found a difference), 2 wrong arguments.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    QUIET.store(arguments.quiet, Ordering::Relaxed);
     match run(&arguments) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::No) => ExitCode::FAILURE,
@@ -146,8 +159,11 @@ fn adapters(wanted: Option<&str>) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Tells the user something beside the result, on standard error.
+/// Tells the user something beside the result, on standard error, unless `--quiet` is given.
 fn tell(notes: &[String]) {
+    if is_quiet() {
+        return;
+    }
     let mut err = std::io::stderr().lock();
     for note in notes {
         // Nothing is left to tell it to if standard error is closed.
