@@ -15,6 +15,7 @@ mod press;
 mod press_map;
 mod progress;
 mod render;
+mod shell;
 mod simulate;
 #[cfg(feature = "study")]
 mod study;
@@ -22,7 +23,7 @@ mod tune;
 mod view;
 mod warp;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
 use std::io::Write;
 use std::path::Path;
@@ -76,6 +77,10 @@ enum Command {
     Presets(presets::PresetsArguments),
     /// List the graphics adapters, best first
     Adapters,
+    /// Print the completions of a shell
+    Completions(shell::CompletionsArguments),
+    /// Write a manual page for each command
+    Man(shell::ManArguments),
 }
 
 /// Whether standard error is for errors alone.
@@ -92,6 +97,11 @@ pub enum Outcome {
     Done,
     /// The question asked has the answer no: exit code 1, without an error message.
     No,
+}
+
+/// The command with all subcommands and flags.
+pub fn command() -> clap::Command {
+    Arguments::command()
 }
 
 /// Parses the arguments, runs the command, and turns what happened into an exit code: 0 done,
@@ -144,6 +154,8 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),
         Command::Adapters => adapters(adapter),
+        Command::Completions(arguments) => shell::completions(arguments),
+        Command::Man(arguments) => shell::man(arguments),
     }
 }
 

@@ -1,6 +1,10 @@
 //! The command line, as a user runs it.
 
 mod bake;
+/// The program's own, for the flags it takes.
+#[allow(dead_code)]
+#[path = "../../../src/cli/mod.rs"]
+mod command_line;
 mod convert;
 mod film;
 mod frames;
@@ -9,6 +13,7 @@ mod pick;
 mod pieces;
 mod resume;
 mod scan;
+mod shell;
 mod warp;
 
 use std::collections::BTreeSet;
