@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand.
 
+mod adapters;
 mod bake;
 mod compare;
 mod convert;
@@ -24,7 +25,7 @@ mod view;
 mod warp;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
+use palpate::gpu::ADAPTER_VARIABLE;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -76,7 +77,7 @@ enum Command {
     /// List the presets of transfer functions by name, or draw them all on one sheet
     Presets(presets::PresetsArguments),
     /// List the graphics adapters, best first
-    Adapters,
+    Adapters(adapters::AdaptersArguments),
     /// Print the completions of a shell
     Completions(shell::CompletionsArguments),
     /// Write a manual page for each command
@@ -153,22 +154,17 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::View(arguments) => view::run(arguments),
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),
-        Command::Adapters => adapters(adapter),
+        Command::Adapters(arguments) => adapters::run(adapter, arguments),
         Command::Completions(arguments) => shell::completions(arguments),
         Command::Man(arguments) => shell::man(arguments),
     }
 }
 
-fn adapters(wanted: Option<&str>) -> anyhow::Result<Outcome> {
-    let (chosen, all) = driver::heard(wanted, || {
-        Ok((Gpu::with_adapter(wanted)?.adapter_name(), Gpu::adapters()))
-    })?;
-    let mut out = std::io::stdout().lock();
-    for (i, name) in all.iter().enumerate() {
-        let mark = if *name == chosen { "*" } else { " " };
-        writeln!(out, "{mark} {i}: {name}")?;
-    }
-    Ok(Outcome::Done)
+/// Prints a report on standard output: one JSON object.
+fn print_json(report: &impl serde::Serialize) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(report)?;
+    writeln!(std::io::stdout().lock(), "{text}")?;
+    Ok(())
 }
 
 /// Tells the user something beside the result, on standard error, unless `--quiet` is given.
