@@ -6,6 +6,7 @@ mod bake;
 #[path = "../../../src/cli/mod.rs"]
 mod command_line;
 mod convert;
+mod docs;
 mod film;
 mod frames;
 mod mesh;
