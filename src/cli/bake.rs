@@ -1,7 +1,7 @@
 //! `palpate bake COARSE FINE`: the normal map that makes a coarse surface look like a fine one.
 
 use super::mesh::write_report;
-use super::{Outcome, flags, tell};
+use super::{Outcome, flags, print_json, tell};
 use clap::Args;
 use palpate::mesh::TriMesh;
 use palpate::skin::{self, BakeReport};
@@ -24,6 +24,9 @@ pub struct BakeArguments {
     /// Write how much was covered and met as JSON
     #[arg(long)]
     report: Option<PathBuf>,
+    /// Print the report on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Bakes the normal map and writes it.
@@ -48,6 +51,9 @@ pub fn run(arguments: &BakeArguments) -> anyhow::Result<Outcome> {
         write_report(path, &report)?;
     }
     tell(&notes(&report));
+    if arguments.json {
+        print_json(&report)?;
+    }
     Ok(Outcome::Done)
 }
 

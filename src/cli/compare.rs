@@ -1,6 +1,6 @@
 //! `palpate compare A B`: picture against picture, for regression tests of renders.
 
-use super::Outcome;
+use super::{Outcome, print_json};
 use clap::Args;
 use palpate::render::{Difference, Image};
 use std::io::Write;
@@ -36,12 +36,11 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
         Difference::picture(&a, &b, 16.0)?.save(path)?;
     }
     let same = difference.within(arguments.rmse / 255.0, arguments.percentile / 255.0);
-    let mut out = std::io::stdout().lock();
     if arguments.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&difference)?)?;
+        print_json(&difference)?;
     } else {
         writeln!(
-            out,
+            std::io::stdout().lock(),
             "{difference}: {}",
             if same { "same" } else { "different" }
         )?;

@@ -1,11 +1,12 @@
 //! `palpate convert A B`: a mesh or a surface in another format.
 
 use super::mesh::is_surface;
-use super::{Outcome, tell};
+use super::{Outcome, print_json, tell};
 use clap::Args;
 use palpate::io::{self, Kind, MeshFormat};
 use palpate::scene::write_pieces;
 use palpate::{Error, Result};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `convert`.
@@ -28,12 +29,15 @@ pub struct ConvertArguments {
     /// Write text where the format is usually binary (.vtk, .msh)
     #[arg(long)]
     text: bool,
+    /// Print what was written, and what was not, on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Reads the one and writes the other.
 pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
     let (input, output) = (&arguments.input, &arguments.output);
-    match is_surface(output) {
+    let report = match is_surface(output) {
         true => surface(arguments)?,
         false => {
             let format = match (arguments.format, arguments.pieces) {
@@ -42,12 +46,27 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
             };
             refuse_others(input)?;
             let mesh = io::read(input)?;
-            tell(&mesh.repairs.warnings);
+            let mut notes = mesh.repairs.warnings.clone();
+            tell(&notes);
             match format {
-                Some(format) => tell(&io::write_as(output, &mesh, format, arguments.text)?),
+                Some(format) => {
+                    let left_out = io::write_as(output, &mesh, format, arguments.text)?;
+                    tell(&left_out);
+                    notes.extend(left_out);
+                }
                 None => write_pieces(output, &mesh, arguments.pieces.unwrap_or(1))?,
             }
+            json!({
+                "output": output.to_string_lossy(),
+                "nodes": mesh.nodes.len(),
+                "tets": mesh.tets.len(),
+                "pieces": arguments.pieces,
+                "notes": notes,
+            })
         }
+    };
+    if arguments.json {
+        print_json(&report)?;
     }
     Ok(Outcome::Done)
 }
@@ -64,7 +83,8 @@ pub fn format_of(path: &Path, pieces: Option<usize>) -> Result<Option<MeshFormat
     }
 }
 
-fn surface(arguments: &ConvertArguments) -> Result<()> {
+/// Writes a surface, and returns what there is to report.
+fn surface(arguments: &ConvertArguments) -> Result<Value> {
     let (input, output) = (&arguments.input, &arguments.output);
     if arguments.format.is_some() || arguments.text || arguments.pieces.is_some() {
         return Err(Error::Input(format!(
@@ -83,7 +103,7 @@ fn surface(arguments: &ConvertArguments) -> Result<()> {
         ));
     }
     let surface = io::read_surface(input)?;
-    tell(&surface.notes);
+    let mut notes = surface.notes.clone();
     let fields: Vec<String> = surface
         .fields
         .iter()
@@ -93,12 +113,19 @@ fn surface(arguments: &ConvertArguments) -> Result<()> {
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("ply"));
     if !fields.is_empty() && !is_ply {
-        tell(&[format!(
+        notes.push(format!(
             "only .ply holds scalars of vertices: of {} no more is written than the format has a place for",
             fields.join(", ")
-        )]);
+        ));
     }
-    io::write_surface(output, &surface)
+    tell(&notes);
+    io::write_surface(output, &surface)?;
+    Ok(json!({
+        "output": output.to_string_lossy(),
+        "vertices": surface.vertices.len(),
+        "triangles": surface.triangles.len(),
+        "notes": notes,
+    }))
 }
 
 /// Says what to do with a file that holds no mesh.

@@ -1,7 +1,7 @@
 //! `palpate demo`: the limb phantom bends under load, its bones visible inside, and a fingertip presses
 //! on it.
 
-use super::{Outcome, progress, tell};
+use super::{Outcome, print_json, progress, tell};
 use clap::Args;
 use palpate::gpu::Gpu;
 use palpate::io::PvdSeries;
@@ -9,6 +9,7 @@ use palpate::press::Wanted;
 use palpate::render::{Background, Film, Image};
 use palpate::scene::{Scene, Stage};
 use palpate::{Error, Result};
+use serde_json::json;
 use std::path::PathBuf;
 
 /// The scene of the demo, which ships with the program.
@@ -36,6 +37,9 @@ pub struct DemoArguments {
     /// Picture size in pixels, WIDTHxHEIGHT
     #[arg(long, default_value = "800x600", value_parser = super::flags::size)]
     size: [u32; 2],
+    /// Print the report on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Bends the limb, and leaves `rest.png`, `bent.png`, `bend.gif` and `bend.pvd`; then presses on it,
@@ -82,7 +86,16 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(&pressed).map_err(Error::io(&pressed))?;
     scene.mesh.tets = Some((arguments.tets / COARSER).max(LEAST));
     tell(&["pressing on the forearm with a fingertip".into()]);
-    super::press::press(gpu, &scene, &Wanted::default(), &pressed)?;
+    let report = super::press::press(gpu, &scene, &Wanted::default(), &pressed)?;
+    if arguments.json {
+        print_json(&json!({
+            "adapter": gpu.adapter_name(),
+            "tets": stage.mesh().tets.len(),
+            "nodes": stage.mesh().nodes.len(),
+            "frames": arguments.frames,
+            "press": report,
+        }))?;
+    }
     Ok(Outcome::Done)
 }
 

@@ -472,4 +472,7 @@ pub struct MeasureFlags {
     /// Write what was measured as JSON
     #[arg(long, help_heading = "Measuring")]
     pub report: Option<PathBuf>,
+    /// Print what was measured on standard output as JSON
+    #[arg(long, help_heading = "Measuring", conflicts_with = "pick")]
+    pub json: bool,
 }

@@ -88,6 +88,9 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
         anyhow::bail!("{}: it ended before the first frame", name.display());
     }
     super::tell(&[format!("{count} frames drawn")]);
+    if arguments.json() {
+        super::print_json(&serde_json::json!({ "frames": count }))?;
+    }
     Ok(Outcome::Done)
 }
 

@@ -1,6 +1,6 @@
 //! `palpate info FILE`: what is in it, what is wrong with it.
 
-use super::Outcome;
+use super::{Outcome, print_json};
 use clap::Args;
 use palpate::io::{self, Kind};
 use palpate::mesh::{Description, SurfaceDescription};
@@ -37,11 +37,9 @@ fn print(
     description: &(impl Display + serde::Serialize),
     arguments: &InfoArguments,
 ) -> anyhow::Result<Outcome> {
-    let mut out = std::io::stdout().lock();
-    if arguments.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(description)?)?;
-    } else {
-        write!(out, "{description}")?;
+    match arguments.json {
+        true => print_json(description)?,
+        false => write!(std::io::stdout().lock(), "{description}")?,
     }
     Ok(Outcome::Done)
 }

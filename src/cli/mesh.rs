@@ -1,7 +1,7 @@
 //! `palpate mesh`: scans, segmentations and surfaces to tets; surfaces out of them.
 
 use super::convert::format_of;
-use super::{Outcome, progress, tell};
+use super::{Outcome, print_json, progress, tell};
 use clap::Args;
 use palpate::mesh::SurfaceDescription;
 use palpate::mesher::{Labels, Length, MadeRegion, Recipe, RecipeReport, Size, Window};
@@ -82,6 +82,9 @@ pub struct MeshArguments {
     /// Write what was made, how well and how fast as JSON
     #[arg(long)]
     report: Option<PathBuf>,
+    /// Print the report on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 fn labels(text: &str) -> Result<Labels, String> {
@@ -181,6 +184,9 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     if let Some(path) = &arguments.report {
         write_report(path, &made.report)?;
     }
+    if arguments.json {
+        print_json(&made.report)?;
+    }
     Ok(Outcome::Done)
 }
 
@@ -204,6 +210,9 @@ fn surface(arguments: &MeshArguments, recipe: &Recipe) -> anyhow::Result<Outcome
     )]);
     if let Some(path) = &arguments.report {
         write_report(path, &description)?;
+    }
+    if arguments.json {
+        print_json(&description)?;
     }
     Ok(Outcome::Done)
 }

@@ -1,9 +1,11 @@
 //! The command line: one file a subcommand.
 
+mod adapters;
 mod bake;
 mod compare;
 mod convert;
 mod demo;
+mod driver;
 mod film;
 mod flags;
 mod frames;
@@ -14,6 +16,7 @@ mod press;
 mod press_map;
 mod progress;
 mod render;
+mod shell;
 mod simulate;
 #[cfg(feature = "study")]
 mod study;
@@ -21,11 +24,12 @@ mod tune;
 mod view;
 mod warp;
 
-use clap::{Parser, Subcommand};
-use palpate::gpu::{ADAPTER_VARIABLE, Gpu};
+use clap::{CommandFactory, Parser, Subcommand};
+use palpate::gpu::ADAPTER_VARIABLE;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Press on a body and see inside it while it gives.
 #[derive(Parser)]
@@ -34,6 +38,9 @@ struct Arguments {
     /// The graphics adapter: part of its name, its index in `palpate adapters`, or cpu
     #[arg(long, global = true, env = ADAPTER_VARIABLE)]
     adapter: Option<String>,
+    /// Print no progress and no notes on standard error; errors still come
+    #[arg(long, short, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -70,7 +77,19 @@ enum Command {
     /// List the presets of transfer functions by name, or draw them all on one sheet
     Presets(presets::PresetsArguments),
     /// List the graphics adapters, best first
-    Adapters,
+    Adapters(adapters::AdaptersArguments),
+    /// Print the completions of a shell
+    Completions(shell::CompletionsArguments),
+    /// Write a manual page for each command
+    Man(shell::ManArguments),
+}
+
+/// Whether standard error is for errors alone.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Whether standard error is for errors alone (`--quiet`).
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
 }
 
 /// How a command ended, when nothing went wrong.
@@ -81,10 +100,16 @@ pub enum Outcome {
     No,
 }
 
+/// The command with all subcommands and flags.
+pub fn command() -> clap::Command {
+    Arguments::command()
+}
+
 /// Parses the arguments, runs the command, and turns what happened into an exit code: 0 done,
 /// 1 failed (or `compare` found a difference), 2 wrong arguments.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    QUIET.store(arguments.quiet, Ordering::Relaxed);
     match run(&arguments) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::No) => ExitCode::FAILURE,
@@ -115,36 +140,38 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let adapter = arguments.adapter.as_deref();
     match &arguments.command {
         Command::Info(arguments) => info::run(arguments),
-        Command::Render(arguments) => render::run(&Gpu::with_adapter(adapter)?, arguments),
-        Command::Simulate(arguments) => simulate::run(&Gpu::with_adapter(adapter)?, arguments),
-        Command::Press(arguments) => press::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Render(arguments) => render::run(&driver::gpu(adapter)?, arguments),
+        Command::Simulate(arguments) => simulate::run(&driver::gpu(adapter)?, arguments),
+        Command::Press(arguments) => press::run(&driver::gpu(adapter)?, arguments),
         Command::Mesh(arguments) => mesh::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Bake(arguments) => bake::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
-        Command::Demo(arguments) => demo::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Demo(arguments) => demo::run(&driver::gpu(adapter)?, arguments),
         #[cfg(feature = "study")]
-        Command::Study(arguments) => study::run(&Gpu::with_adapter(adapter)?, arguments),
-        Command::Tune(arguments) => tune::run(&Gpu::with_adapter(adapter)?, arguments),
+        Command::Study(arguments) => study::run(&driver::gpu(adapter)?, arguments),
+        Command::Tune(arguments) => tune::run(&driver::gpu(adapter)?, arguments),
         Command::View(arguments) => view::run(arguments),
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),
-        Command::Adapters => adapters(adapter),
+        Command::Adapters(arguments) => adapters::run(adapter, arguments),
+        Command::Completions(arguments) => shell::completions(arguments),
+        Command::Man(arguments) => shell::man(arguments),
     }
 }
 
-fn adapters(wanted: Option<&str>) -> anyhow::Result<Outcome> {
-    let mut out = std::io::stdout().lock();
-    let chosen = Gpu::with_adapter(wanted)?.adapter_name();
-    for (i, name) in Gpu::adapters().iter().enumerate() {
-        let mark = if *name == chosen { "*" } else { " " };
-        writeln!(out, "{mark} {i}: {name}")?;
-    }
-    Ok(Outcome::Done)
+/// Prints a report on standard output: one JSON object.
+fn print_json(report: &impl serde::Serialize) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(report)?;
+    writeln!(std::io::stdout().lock(), "{text}")?;
+    Ok(())
 }
 
-/// Tells the user something beside the result, on standard error.
+/// Tells the user something beside the result, on standard error, unless `--quiet` is given.
 fn tell(notes: &[String]) {
+    if is_quiet() {
+        return;
+    }
     let mut err = std::io::stderr().lock();
     for note in notes {
         // Nothing is left to tell it to if standard error is closed.

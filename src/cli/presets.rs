@@ -1,9 +1,10 @@
 //! `palpate presets`: the transfer functions by name.
 
-use super::Outcome;
+use super::{Outcome, print_json};
 use clap::Args;
 use palpate::annotate::preset_sheet;
 use palpate::render::TransferFunction;
+use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -13,17 +14,23 @@ pub struct PresetsArguments {
     /// Draws a sheet of all of them: a picture, .png
     #[arg(long, short)]
     out: Option<PathBuf>,
+    /// Print the list on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Lists the presets, or draws them.
 pub fn run(arguments: &PresetsArguments) -> anyhow::Result<Outcome> {
-    match &arguments.out {
-        Some(path) => preset_sheet()?.save(path)?,
-        None => {
-            let mut out = std::io::stdout().lock();
-            for name in TransferFunction::preset_names() {
-                writeln!(out, "{name}")?;
-            }
+    if let Some(path) = &arguments.out {
+        preset_sheet()?.save(path)?;
+    }
+    let names = TransferFunction::preset_names();
+    if arguments.json {
+        print_json(&json!({ "presets": names }))?;
+    } else if arguments.out.is_none() {
+        let mut out = std::io::stdout().lock();
+        for name in names {
+            writeln!(out, "{name}")?;
         }
     }
     Ok(Outcome::Done)

@@ -1,7 +1,7 @@
 //! `palpate press`: a fingertip presses on a body and lets go, or presses all over it.
 
 use super::flags::{SceneFlags, Triple, triple};
-use super::{Outcome, press_map, progress};
+use super::{Outcome, press_map, print_json, progress};
 use clap::Args;
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
@@ -48,6 +48,9 @@ pub struct PressArguments {
     /// interrupted
     #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
+    /// Print what press.json, or map.json, has on standard output too
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     scene: SceneFlags,
 }
@@ -77,7 +80,11 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
             radius: arguments.radius,
             depth: arguments.depth,
         };
-        return press_map::run(gpu, &scene, &wanted, out);
+        let report = press_map::run(gpu, &scene, &wanted, out)?;
+        if arguments.json {
+            print_json(&report)?;
+        }
+        return Ok(Outcome::Done);
     }
     let wanted = Wanted {
         at: arguments.at.map(|t| DVec3::from(t.0)),
@@ -86,13 +93,16 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
         depth: arguments.depth,
         force: arguments.force,
     };
-    press(gpu, &scene, &wanted, out)?;
+    let report = press(gpu, &scene, &wanted, out)?;
+    if arguments.json {
+        print_json(&report)?;
+    }
     Ok(Outcome::Done)
 }
 
 /// Presses on the body of `scene` and leaves pictures, a film, a series and what was measured in
 /// `out`, which exists.
-pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::Result<()> {
+pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::Result<PressReport> {
     let mut press = progress::during("preparing", || Press::new(gpu, scene, wanted))?;
     super::tell(press.notes());
     let spot = *press.spot();
@@ -173,7 +183,7 @@ pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::R
             out.display()
         ),
     ]);
-    Ok(())
+    Ok(report)
 }
 
 fn write_samples(path: &Path, samples: &[Sample]) -> Result<()> {

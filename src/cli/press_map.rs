@@ -1,6 +1,6 @@
 //! `palpate press --map`: a body pressed at the points of a grid.
 
-use super::{Outcome, progress, tell};
+use super::{progress, tell};
 use palpate::gpu::Gpu;
 use palpate::io::atomic_write;
 use palpate::press::{MapWanted, PressMap, Pressed};
@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// What stands in map.json.
 #[derive(Serialize, Deserialize)]
-struct Said {
+pub struct Said {
     /// Points along the two sides.
     grid: [u32; 2],
     radius: f64,
@@ -28,8 +28,8 @@ struct Said {
     mark: String,
 }
 
-/// Presses what is left of the map, draws it, and says what stands out.
-pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::Result<Outcome> {
+/// Presses what is left of the map, draws it, and says what stands out; returns what map.json has.
+pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::Result<Said> {
     let mut map = progress::during("preparing", || PressMap::new(scene, wanted))?;
     tell(map.notes());
     let rows = out.join("map.csv");
@@ -52,7 +52,7 @@ pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::
         })
     })?;
     write_rows(&map, &rows)?;
-    write_about(&map, wanted, &about)?;
+    let report = write_about(&map, wanted, &about)?;
     let image = map.image(gpu)?;
     image.save(out.join("map.png"))?;
     let failed = failed(&map);
@@ -76,7 +76,7 @@ pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::
         "{0}/map.csv, {0}/map.png, {0}/map.json",
         out.display()
     )]);
-    Ok(Outcome::Done)
+    Ok(report)
 }
 
 fn failed(map: &PressMap) -> usize {
@@ -151,7 +151,7 @@ fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
     })
 }
 
-fn write_about(map: &PressMap, wanted: &MapWanted, path: &Path) -> Result<()> {
+fn write_about(map: &PressMap, wanted: &MapWanted, path: &Path) -> Result<Said> {
     let [radius, depth] = map.radius_and_depth();
     let top = map.stiffest();
     let said = Said {
@@ -174,5 +174,6 @@ fn write_about(map: &PressMap, wanted: &MapWanted, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(&said);
         let text = text.map_err(|e| Error::Input(format!("map.json: {e}")))?;
         writeln!(file, "{text}").map_err(Error::io(path))
-    })
+    })?;
+    Ok(said)
 }

@@ -1,4 +1,4 @@
-//! Progress: a bar on a terminal, a line every few seconds elsewhere.
+//! Progress: a bar on a terminal, a line every few seconds elsewhere, nothing with `--quiet`.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::scene::Stage;
@@ -22,10 +22,16 @@ pub struct Progress {
 impl Progress {
     /// Says nothing until something takes longer than an interval.
     fn new(bar: ProgressBar, state: State) -> Progress {
-        let quiet = std::io::stderr().is_terminal();
+        if super::is_quiet() {
+            return Progress {
+                bar: ProgressBar::hidden(),
+                lines: None,
+            };
+        }
+        let has_bar = std::io::stderr().is_terminal();
         Progress {
             bar,
-            lines: (!quiet).then(|| Lines::start(state, INTERVAL, to_stderr)),
+            lines: (!has_bar).then(|| Lines::start(state, INTERVAL, to_stderr)),
         }
     }
 

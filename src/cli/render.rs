@@ -2,7 +2,8 @@
 
 use super::film::FilmFlags;
 use super::flags::{MeasureFlags, SceneFlags};
-use super::{Outcome, progress};
+use super::mesh::write_report;
+use super::{Outcome, print_json, progress};
 use clap::Args;
 use glam::DVec2;
 use palpate::annotate::FrameTime;
@@ -61,6 +62,11 @@ impl RenderArguments {
     /// The picture, if any is wanted.
     pub fn out(&self) -> Option<&Path> {
         self.out.as_deref()
+    }
+
+    /// Whether a report is to be printed as JSON.
+    pub fn json(&self) -> bool {
+        self.measure.json
     }
 
     /// Of its film.
@@ -127,16 +133,18 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     }
     outcome?;
     if let Some(pixel) = arguments.pick {
-        println!("{:#}", picked(&mut stage, pixel)?);
+        print_json(&picked(&mut stage, pixel)?)?;
     }
-    if arguments.measure.repeat.is_some() || arguments.measure.report.is_some() {
-        let frames = arguments.measure.repeat.unwrap_or(1);
+    let measure = &arguments.measure;
+    if measure.repeat.is_some() || measure.report.is_some() || measure.json {
+        let frames = measure.repeat.unwrap_or(1);
         let report = progress::during("measuring", || stage.measure(frames))?;
-        match &arguments.measure.report {
-            Some(path) => io::atomic_write(path, |file| {
-                serde_json::to_writer_pretty(file, &report)
-                    .map_err(|e| palpate::Error::io(path)(e.into()))
-            })?,
+        if measure.json {
+            print_json(&report)?;
+        }
+        match &measure.report {
+            Some(path) => write_report(path, &report)?,
+            None if measure.json => {}
             None => super::tell(&[format!(
                 "{:.2} ms a frame, {:.2} ms a step on {}",
                 report.frame_ms,

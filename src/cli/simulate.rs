@@ -2,7 +2,7 @@
 
 use super::film::{self, FilmFlags};
 use super::flags::SceneFlags;
-use super::{Outcome, progress};
+use super::{Outcome, print_json, progress};
 use clap::Args;
 use glam::DVec3;
 use palpate::annotate::FrameTime;
@@ -10,6 +10,7 @@ use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
 use palpate::render::{Camera, Film};
 use palpate::scene::{Checkpoint, Motion, ReactionLog, Run, Stage};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `simulate`.
@@ -36,6 +37,9 @@ pub struct SimulateArguments {
     /// Go on where a run into the same folder was interrupted, or with more frames
     #[arg(long, conflicts_with_all = ["film", "orbit"])]
     resume: bool,
+    /// Print the report on standard output as JSON
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     film: FilmFlags,
     #[command(flatten)]
@@ -173,6 +177,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     done?;
     film?;
     super::tell(&stage.field_note().into_iter().collect::<Vec<_>>());
+    report(arguments, &stage, gpu, times.len(), stage.time())?;
     Ok(Outcome::Done)
 }
 
@@ -269,7 +274,30 @@ fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
         },
     )?;
     pictures.end()?;
+    let end = frames.last().map_or(0.0, |frame| frame.time);
+    report(arguments, &stage, gpu, frames.len(), end)?;
     Ok(Outcome::Done)
+}
+
+/// Prints as JSON what came of `frames` frames, the first with them, the last of which is at `time`,
+/// if that is asked for.
+fn report(
+    arguments: &SimulateArguments,
+    stage: &Stage,
+    gpu: &Gpu,
+    frames: usize,
+    time: f64,
+) -> anyhow::Result<()> {
+    if !arguments.json {
+        return Ok(());
+    }
+    print_json(&json!({
+        "adapter": gpu.adapter_name(),
+        "tets": stage.mesh().tets.len(),
+        "nodes": stage.mesh().nodes.len(),
+        "frames": frames,
+        "time_s": time,
+    }))
 }
 
 /// The pictures of a run, as files and as a film.

@@ -1,11 +1,12 @@
 //! `palpate study`: measurements, charts and findings.
 
-use super::{Outcome, progress};
+use super::{Outcome, print_json, progress};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use palpate::gpu::Gpu;
 use palpate::study::{Run, STUDIES};
-use std::path::PathBuf;
+use serde_json::json;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -26,6 +27,9 @@ pub struct StudyArguments {
     /// Few and small points: seconds in place of minutes
     #[arg(long)]
     quick: bool,
+    /// Print which files there are then on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs a study; Ctrl-C ends it early and keeps what was measured, a second one at once.
@@ -59,5 +63,24 @@ pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
             )
         })?;
     }
+    if arguments.json {
+        print_json(&json!({
+            "study": arguments.what,
+            "adapter": gpu.adapter_name(),
+            "ended_early": stop.load(Ordering::Relaxed),
+            "files": files(out)?,
+        }))?;
+    }
     Ok(Outcome::Done)
+}
+
+/// The names of the files in a folder, in order.
+fn files(folder: &Path) -> palpate::Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(palpate::Error::io(folder))? {
+        let name = entry.map_err(palpate::Error::io(folder))?.file_name();
+        names.push(name.to_string_lossy().into_owned());
+    }
+    names.sort();
+    Ok(names)
 }

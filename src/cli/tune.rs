@@ -1,10 +1,12 @@
 //! `palpate tune`: the cheapest settings of a scene that are accurate enough.
 
-use super::{Outcome, progress};
+use super::{Outcome, print_json, progress};
 use clap::Args;
 use palpate::gpu::Gpu;
 use palpate::scene::Scene;
-use palpate::tune::{Wanted, tune};
+use palpate::tune::{Found, Wanted, tune};
+use serde_json::{Value, json};
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// Arguments of `tune`.
@@ -24,6 +26,9 @@ pub struct TuneArguments {
     /// The scene with what was chosen
     #[arg(long, short)]
     out: PathBuf,
+    /// Print the report on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Tunes a scene; exit code 1 where nothing meets what is wanted, and the best there is written.
@@ -37,9 +42,29 @@ pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let tuned = progress::stages(|progress| tune(gpu, &scene, &wanted, progress))?;
     tuned.write(&arguments.scene, &arguments.out)?;
     super::tell(&tuned.notes);
+    if arguments.json {
+        print_json(&json!({
+            "met": tuned.met,
+            "motion": tuned.motion.as_ref().map(found),
+            "picture": found(&tuned.picture),
+            "notes": tuned.notes,
+        }))?;
+    }
     Ok(match tuned.met {
         true => Outcome::Done,
         false => Outcome::No,
+    })
+}
+
+/// What a search chose, for the report.
+fn found<P: Display>(found: &Found<P>) -> Value {
+    json!({
+        "choice": found.point.to_string(),
+        "cost_ms": found.cost,
+        "error": found.error,
+        "met": found.met,
+        "candidates": found.tried[0],
+        "tried": found.tried[1],
     })
 }
 

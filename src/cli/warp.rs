@@ -1,14 +1,14 @@
 //! `palpate warp`: a scan in the bent body, and the motion as a field.
 
-use super::{Outcome, progress, tell};
+use super::{Outcome, driver, print_json, progress, tell};
 use clap::Args;
 use glam::DVec3;
-use palpate::gpu::Gpu;
 use palpate::io;
 use palpate::mesh::TetMesh;
 use palpate::scene::{Run, STEPS, Scene, Stage};
 use palpate::warp::{Coverage, Warp, WarpFiles, WarpOptions, WarpReport};
 use palpate::{Error, Result};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Metres in the unit of scans.
@@ -50,6 +50,9 @@ pub struct WarpArguments {
     /// The value where no tet is, in the scan's units [default: the scan's smallest, 0 of labels]
     #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
     background: Option<f64>,
+    /// Print the report on standard output as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Brings the scan to where the body took it.
@@ -108,6 +111,14 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
         warp.write(&scan, &grid, &options, &files, &mut planes)
     })?;
     tell(&said(&report, rest.tets.len()));
+    if arguments.json {
+        print_json(&json!({
+            "tets": rest.tets.len(),
+            "inverted": report.inverted,
+            "bent": report.bent.as_ref().map(coverage),
+            "rest": report.rest.as_ref().map(coverage),
+        }))?;
+    }
     Ok(Outcome::Done)
 }
 
@@ -135,7 +146,7 @@ fn of_scene(
         steps: scene.solver.steps.unwrap_or(STEPS),
         drawn: false,
     });
-    let gpu = Gpu::with_adapter(adapter)?;
+    let gpu = driver::gpu(adapter)?;
     let mut stage = progress::during("preparing", || Stage::new(&gpu, &scene))?;
     tell(stage.notes());
     if stage.motion().is_none() {
@@ -183,6 +194,16 @@ fn in_mm(mut mesh: TetMesh) -> Result<TetMesh> {
         mesh.nodes.iter_mut().for_each(scale);
     }
     Ok(mesh)
+}
+
+/// How voxels lie in a body, for the report.
+fn coverage(of: &Coverage) -> Value {
+    json!({
+        "voxels": of.voxels,
+        "uncovered": of.uncovered,
+        "overlapping": of.overlapping,
+        "beyond": of.beyond,
+    })
 }
 
 /// What was found on the way, in words.

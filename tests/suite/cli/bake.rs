@@ -6,7 +6,7 @@ use std::path::Path;
 
 /// A sphere of `rings` rings as an OBJ, its radius by height and turn, with texture coordinates
 /// if asked for.
-fn sphere(path: &Path, rings: usize, uvs: bool, radius: impl Fn(f64, f64) -> f64) {
+pub fn sphere(path: &Path, rings: usize, uvs: bool, radius: impl Fn(f64, f64) -> f64) {
     let around = 2 * rings;
     let mut obj = String::new();
     for r in 0..=rings {

@@ -92,10 +92,13 @@ fn frames_from_a_pipe_are_those_of_a_series_to_the_bit() {
     ];
     stdout(&palpate(&[&beside, &view[..]].concat()));
     let within = ["render", "-", "--frames-from", "-", "--out", text(&two)];
-    stdout(&piped(
-        &[&within, &view[..]].concat(),
+    let output = piped(
+        &[&within, &view[..], &["--json", "--quiet"]].concat(),
         &stream(&mesh, true, &frames),
-    ));
+    );
+    let report: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(report, serde_json::json!({ "frames": 3 }));
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
     let read = |name: String| std::fs::read(folder.join(name)).unwrap();
     for k in 0..3 {
         let expected = read(format!("again/series_{k:04}.png"));

@@ -1,7 +1,12 @@
 //! The command line, as a user runs it.
 
 mod bake;
+/// The program's own, for the flags it takes.
+#[allow(dead_code)]
+#[path = "../../../src/cli/mod.rs"]
+mod command_line;
 mod convert;
+mod docs;
 mod film;
 mod frames;
 mod mesh;
@@ -9,6 +14,8 @@ mod pick;
 mod pieces;
 mod resume;
 mod scan;
+mod shell;
+mod terminal;
 mod warp;
 
 use std::collections::BTreeSet;
@@ -307,7 +314,7 @@ fn every_scene_that_ships_is_drawn() {
 #[test]
 fn the_demo_leaves_its_pictures_and_series() {
     let folder = folder("demo");
-    stdout(&palpate(&[
+    let output = palpate(&[
         "demo",
         "--out",
         text(&folder),
@@ -317,7 +324,17 @@ fn the_demo_leaves_its_pictures_and_series() {
         "3",
         "--size",
         "96x72",
-    ]));
+        "--json",
+        "--quiet",
+    ]);
+    let report: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    assert_eq!(report["frames"], 3);
+    let tets = report["tets"].as_u64().unwrap();
+    assert!((3000..5000).contains(&tets), "{report}");
+    let press = std::fs::read(folder.join("press/press.json")).unwrap();
+    let press: serde_json::Value = serde_json::from_slice(&press).unwrap();
+    assert_eq!(report["press"], press);
     for file in ["rest.png", "bent.png", "bend.gif", "bend.pvd"] {
         assert!(folder.join(file).exists(), "{file}");
     }

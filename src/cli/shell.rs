@@ -1,0 +1,64 @@
+//! `palpate completions` and `palpate man`: what shells and the program man know of the commands.
+
+use super::{Outcome, command, tell};
+use clap::Args;
+use clap_complete::Shell;
+use clap_mangen::Man;
+use palpate::{Error, io};
+use std::io::Write;
+use std::path::PathBuf;
+
+/// What the pages are of.
+const SOURCE: &str = concat!("palpate ", env!("CARGO_PKG_VERSION"));
+
+/// Arguments of `completions`.
+#[derive(Args)]
+pub struct CompletionsArguments {
+    /// The shell that completes
+    shell: Shell,
+}
+
+/// Prints the completions of a shell.
+pub fn completions(arguments: &CompletionsArguments) -> anyhow::Result<Outcome> {
+    // Into memory first: a reader that goes away is no error, and the generator would panic.
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut command(), "palpate", &mut script);
+    std::io::stdout().lock().write_all(&script)?;
+    Ok(Outcome::Done)
+}
+
+/// Arguments of `man`.
+#[derive(Args)]
+pub struct ManArguments {
+    /// The folder for the pages: palpate.1, and one a subcommand
+    folder: PathBuf,
+}
+
+/// Writes a page for the program and one for each subcommand.
+pub fn man(arguments: &ManArguments) -> anyhow::Result<Outcome> {
+    let folder = &arguments.folder;
+    if folder.exists() && !folder.is_dir() {
+        anyhow::bail!(
+            "{}: this is no folder; name the folder for the pages, such as man1",
+            folder.display()
+        );
+    }
+    std::fs::create_dir_all(folder).map_err(|e| {
+        anyhow::anyhow!(
+            "{}: the folder for the pages cannot be made ({e}); name one where you may write",
+            folder.display()
+        )
+    })?;
+    let mut whole = command();
+    // Now each page has the flags of all commands too.
+    whole.build();
+    let own = whole.get_subcommands().filter(|of| of.get_name() != "help");
+    let pages: Vec<&clap::Command> = std::iter::once(&whole).chain(own).collect();
+    for of in &pages {
+        let page = Man::new((*of).clone()).source(SOURCE);
+        let path = folder.join(page.get_filename());
+        io::atomic_write(&path, |file| page.render(file).map_err(Error::io(&path)))?;
+    }
+    tell(&[format!("{} pages in {}", pages.len(), folder.display())]);
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,64 @@
+//! `palpate completions` and `palpate man`.
+
+use super::command_line::command;
+use super::*;
+
+/// All subcommands, but the one that clap adds.
+fn subcommands() -> Vec<String> {
+    let whole = command();
+    let names = whole.get_subcommands().map(|of| of.get_name().to_owned());
+    names.collect()
+}
+
+#[test]
+fn shells_complete_every_subcommand() {
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+        let script = stdout(&palpate(&["completions", shell]));
+        for name in subcommands() {
+            assert!(script.contains(&name), "{shell}: {name}");
+        }
+        assert!(script.contains("report"), "{shell} knows no flags");
+    }
+    let unknown = palpate(&["completions", "no_such_shell"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("powershell"));
+}
+
+#[test]
+fn every_subcommand_has_a_manual_page() {
+    let folder = folder("man").join("new/man1");
+    let output = palpate(&["man", text(&folder), "--quiet"]);
+    assert_eq!(
+        (stdout(&output), output.stderr),
+        (String::new(), Vec::new())
+    );
+    let mut names = vec!["palpate".to_owned()];
+    names.extend(subcommands().iter().map(|name| format!("palpate-{name}")));
+    for name in &names {
+        let page = std::fs::read_to_string(folder.join(format!("{name}.1"))).unwrap();
+        // In roff a hyphen is written \-.
+        let words = format!(".SH NAME\n{}", name.replace('-', "\\-"));
+        let named = page.contains(&words) || page.contains(&format!(".SH NAME\n{name}"));
+        assert!(named, "{page}");
+        assert!(
+            page.contains("\\-\\-quiet"),
+            "{name} has no flag of all commands"
+        );
+    }
+    let pages = std::fs::read_dir(&folder).unwrap().count();
+    assert_eq!(pages, names.len());
+}
+
+#[test]
+fn a_folder_that_cannot_hold_pages_is_refused() {
+    let file = folder("man_wrong").join("file");
+    std::fs::write(&file, "").unwrap();
+    let errors = failure(&palpate(&["man", text(&file)]));
+    let start = format!("palpate: {}: this is no folder", text(&file));
+    assert!(errors.starts_with(&start), "{errors}");
+    let errors = failure(&palpate(&["man", text(&file.join("in_it"))]));
+    assert!(
+        errors.contains("in_it: the folder for the pages cannot be made"),
+        "{errors}"
+    );
+}
