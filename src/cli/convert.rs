@@ -1,7 +1,7 @@
 //! `palpate convert A B`: a mesh or a surface in another format.
 
 use super::mesh::is_surface;
-use super::{Outcome, tell};
+use super::{Outcome, print_notes};
 use clap::Args;
 use palpate::io::{self, Kind, MeshFormat};
 use palpate::scene::write_pieces;
@@ -42,9 +42,9 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
             };
             refuse_others(input)?;
             let mesh = io::read(input)?;
-            tell(&mesh.repairs.warnings);
+            print_notes(&mesh.repairs.warnings);
             match format {
-                Some(format) => tell(&io::write_as(output, &mesh, format, arguments.text)?),
+                Some(format) => print_notes(&io::write_as(output, &mesh, format, arguments.text)?),
                 None => write_pieces(output, &mesh, arguments.pieces.unwrap_or(1))?,
             }
         }
@@ -55,7 +55,7 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
 /// The format that a name means; none for one of so many pieces.
 pub fn format_of(path: &Path, pieces: Option<usize>) -> Result<Option<MeshFormat>> {
     match pieces {
-        None => MeshFormat::of(path).map(Some),
+        None => MeshFormat::from_extension(path).map(Some),
         Some(_) if io::is_pieces(path) => Ok(None),
         Some(_) => Err(Error::Input(format!(
             "{}: --pieces writes files beside an index, which is called .pvtu; name that",
@@ -72,7 +72,7 @@ fn surface(arguments: &ConvertArguments) -> Result<()> {
             output.display()
         )));
     }
-    if io::kind(input)? != Kind::Surface {
+    if io::detect_kind(input)? != Kind::Surface {
         return Err(Error::format(
             input,
             format!(
@@ -83,7 +83,7 @@ fn surface(arguments: &ConvertArguments) -> Result<()> {
         ));
     }
     let surface = io::read_surface(input)?;
-    tell(&surface.notes);
+    print_notes(&surface.notes);
     let fields: Vec<String> = surface
         .fields
         .iter()
@@ -93,7 +93,7 @@ fn surface(arguments: &ConvertArguments) -> Result<()> {
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("ply"));
     if !fields.is_empty() && !is_ply {
-        tell(&[format!(
+        print_notes(&[format!(
             "only .ply holds scalars of vertices: of {} no more is written than the format has a place for",
             fields.join(", ")
         )]);
@@ -103,7 +103,7 @@ fn surface(arguments: &ConvertArguments) -> Result<()> {
 
 /// Says what to do with a file that holds no mesh.
 fn refuse_others(input: &Path) -> Result<()> {
-    let what = match io::kind(input)? {
+    let what = match io::detect_kind(input)? {
         Kind::Mesh => return Ok(()),
         Kind::Surface => "a surface, which has no tets",
         Kind::Volume => "a volume",

@@ -78,7 +78,7 @@ pub enum Outcome {
     /// All is well.
     Done,
     /// The question asked has the answer no: exit code 1, without an error message.
-    No,
+    Negative,
 }
 
 /// Parses the arguments, runs the command, and turns what happened into an exit code: 0 done,
@@ -87,18 +87,18 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     match run(&arguments) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::No) => ExitCode::FAILURE,
+        Ok(Outcome::Negative) => ExitCode::FAILURE,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // Nothing is left to tell it to if standard error is closed too.
-            let _ = writeln!(std::io::stderr(), "palpate: {}", told(&error));
+            let _ = writeln!(std::io::stderr(), "palpate: {}", error_chain(&error));
             ExitCode::FAILURE
         }
     }
 }
 
 /// The error with its causes, each that is not said already by the one above it.
-fn told(error: &anyhow::Error) -> String {
+fn error_chain(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
         let cause = cause.to_string();
@@ -144,7 +144,7 @@ fn adapters(wanted: Option<&str>) -> anyhow::Result<Outcome> {
 }
 
 /// Tells the user something beside the result, on standard error.
-fn tell(notes: &[String]) {
+fn print_notes(notes: &[String]) {
     let mut err = std::io::stderr().lock();
     for note in notes {
         // Nothing is left to tell it to if standard error is closed.

@@ -4,7 +4,7 @@ use super::{Outcome, progress};
 use clap::Args;
 use palpate::gpu::Gpu;
 use palpate::scene::Scene;
-use palpate::tune::{Wanted, tune};
+use palpate::tune::{TuneTarget, tune};
 use std::path::PathBuf;
 
 /// Arguments of `tune`.
@@ -29,17 +29,17 @@ pub struct TuneArguments {
 /// Tunes a scene; exit code 1 where nothing meets what is wanted, and the best there is written.
 pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let scene = Scene::read(&arguments.scene)?;
-    let wanted = Wanted {
+    let wanted = TuneTarget {
         error: arguments.error,
         fps: arguments.fps,
         seconds: arguments.seconds,
     };
-    let tuned = progress::stages(|progress| tune(gpu, &scene, &wanted, progress))?;
+    let tuned = progress::with_stages(|progress| tune(gpu, &scene, &wanted, progress))?;
     tuned.write(&arguments.scene, &arguments.out)?;
-    super::tell(&tuned.notes);
-    Ok(match tuned.met {
+    super::print_notes(&tuned.notes);
+    Ok(match tuned.target_met {
         true => Outcome::Done,
-        false => Outcome::No,
+        false => Outcome::Negative,
     })
 }
 
