@@ -40,7 +40,7 @@ impl<'a> ProgressScope<'a> {
     }
 
     /// Whether the work is to go on. Where it is not, loops may leave out what is left of them, for
-    /// who then has [`Part::check_cancelled`] end all.
+    /// who then has [`ProgressScope::check_cancelled`] end all.
     pub fn should_continue(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/cage/interpolate.wgsl`.
+        /// See `shaders/cage/carry.wgsl`.
         pub struct Carry {
             pub to_fine: [f32; 4],
             pub nodes: u32,
@@ -40,7 +40,7 @@ impl Embedding {
     /// `carriers` are the coarse mesh's nodes on the GPU.
     ///
     /// # Errors
-    /// As [`Transfer::new`]; [`Error::Gpu`](crate::Error::Gpu) when the nodes do not fit the
+    /// As [`BarycentricMap::new`]; [`Error::Gpu`](crate::Error::Gpu) when the nodes do not fit the
     /// device.
     pub fn new(
         gpu: &Gpu,
@@ -123,7 +123,7 @@ impl Embedding {
     /// Positions, or other vectors, of the fine nodes, of those of the coarse ones; in float64.
     ///
     /// # Errors
-    /// As [`Transfer::apply`].
+    /// As [`BarycentricMap::apply`].
     pub fn interpolate(&self, coarse: &[DVec3]) -> Result<Vec<DVec3>> {
         self.transfer.apply(coarse)
     }

@@ -218,7 +218,7 @@ impl Cage {
     /// the three axes. Coarse cells bend less readily than fine ones, and this makes up for it.
     /// Finds the damping of the slowest swing too.
     ///
-    /// Bodies that hang on nothing are held at one end for it, as [`SpringNetwork::find_clamped_end`] finds it.
+    /// Bodies that hang on nothing are held at one end for it, as [`DiscreteModel::find_clamped_end`] finds it.
     ///
     /// Returns the factor, 1 where none could be found.
     ///

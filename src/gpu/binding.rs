@@ -167,7 +167,7 @@ impl<'a> BindingList<'a> {
         })
     }
 
-    /// The bind group for a layout made from [`Bound::layout_entries`].
+    /// The bind group for a layout made from [`ValidatedBindings::layout_entries`].
     pub(super) fn bind_group(
         &self,
         gpu: &Gpu,

@@ -95,7 +95,7 @@ impl Gpu {
     }
 
     /// As [`Gpu::read_array`] without waiting: what the array holds after all that was submitted
-    /// so far, to be looked at with [`Pending::try_take`] when it has arrived.
+    /// so far, to be looked at with [`PendingReadback::try_take`] when it has arrived.
     ///
     /// # Errors
     /// [`Error::Gpu`] when `T` is not an item's size, or what the device refuses.

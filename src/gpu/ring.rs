@@ -75,7 +75,7 @@ impl ReadbackRing {
         }
     }
 
-    /// Records a copy of `from`, to be looked at with [`Ring::latest`] after the caller has
+    /// Records a copy of `from`, to be looked at with [`ReadbackRing::latest`] after the caller has
     /// submitted `work`; `number` tells it from others. None where enough are on their way.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl ReadbackRing {
         Ok(())
     }
 
-    /// The number and content of the latest copy that [`Ring::record`] recorded and that has
+    /// The number and content of the latest copy that [`ReadbackRing::record`] recorded and that has
     /// arrived; none where none has since the last time. Those that were never submitted are
     /// forgotten.
     ///

@@ -164,7 +164,7 @@ impl TriangleBvh {
         self.nearest_accepted(p, |_| true)
     }
 
-    /// As [`Tree::nearest`], of the triangles whose numbers `accept` takes.
+    /// As [`TriangleBvh::nearest`], of the triangles whose numbers `accept` takes.
     pub fn nearest_accepted(
         &self,
         p: DVec3,

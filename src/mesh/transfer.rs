@@ -71,7 +71,7 @@ impl BarycentricMap {
         &self.shares
     }
 
-    /// The transpose of [`Transfer::apply`]: what acts at the points, `forces`, as it acts at the
+    /// The transpose of [`BarycentricMap::apply`]: what acts at the points, `forces`, as it acts at the
     /// nodes, with the same sum and the same work.
     ///
     /// # Errors

@@ -50,7 +50,7 @@ impl MeshingConfig {
     /// of the boundary of a tet mesh.
     ///
     /// # Errors
-    /// As [`Recipe::mesh`], and what `use_` gives.
+    /// As [`MeshingConfig::mesh`], and what `use_` gives.
     pub fn with_domain<R>(&self, use_: impl FnOnce(DomainDescription) -> Result<R>) -> Result<R> {
         let Some(first) = self.input.first() else {
             return Err(Error::Input(

@@ -104,7 +104,7 @@ pub struct RegionSummary {
 /// regions are labelled. For anything else there is [`MeshingConfig`].
 ///
 /// # Errors
-/// As [`Recipe::mesh`].
+/// As [`MeshingConfig::mesh`].
 pub fn mesh_file(path: impl AsRef<Path>, tets: usize) -> Result<TetMesh> {
     let recipe = MeshingConfig {
         input: vec![path.as_ref().to_path_buf()],

@@ -81,11 +81,11 @@ impl GpuBody {
         GpuBody::from_model(gpu, mesh, network, material)
     }
 
-    /// As [`Body::new`], with masses and springs of one's own: those of a cage, for example. A cut
+    /// As [`GpuBody::new`], with masses and springs of one's own: those of a cage, for example. A cut
     /// takes the springs along it from `material` again.
     ///
     /// # Errors
-    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`Body::new`].
+    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`GpuBody::new`].
     pub fn from_model(
         gpu: &Gpu,
         mesh: &TetMesh,
@@ -190,7 +190,7 @@ impl GpuBody {
         &self.loads
     }
 
-    /// As [`Body::loads`], to change them; they act from the next step on.
+    /// As [`GpuBody::loads`], to change them; they act from the next step on.
     pub fn loads_mut(&mut self) -> &mut Loads {
         &mut self.loads
     }
@@ -220,7 +220,7 @@ impl GpuBody {
         self.loads.pin_nodes(nodes)
     }
 
-    /// Holds the body by the end that suits it ([`SpringNetwork::find_clamped_end`]) and lets `gravity`
+    /// Holds the body by the end that suits it ([`DiscreteModel::find_clamped_end`]) and lets `gravity`
     /// (m/s²) act across it. Returns a sentence that says so.
     pub fn clamp_one_end(&mut self, gravity: f64) -> String {
         let (end, _) = self.network.find_clamped_end(DVec3::NEG_Z);
@@ -295,7 +295,7 @@ impl GpuBody {
     }
 
     /// The external force on every node, for callers who write it on the GPU: rgba32float, xyz in
-    /// newtons along the file's axes. [`Body::set_forces`] and [`Body::add_force`] overwrite it;
+    /// newtons along the file's axes. [`GpuBody::set_forces`] and [`GpuBody::add_force`] overwrite it;
     /// a cut may put another array in its place.
     pub fn force_array(&self) -> &Array {
         &self.external
@@ -337,7 +337,7 @@ impl GpuBody {
     /// Moves the nodes to `positions`, in file units.
     ///
     /// # Errors
-    /// As [`Nodes::set_positions`].
+    /// As [`NodePositions::set_positions`].
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         self.nodes.set_positions(positions)?;
         self.mark_changed();
@@ -359,14 +359,14 @@ impl GpuBody {
     }
 
     /// Says that positions or velocities were changed from outside: the solvers start afresh from
-    /// what they find. Not needed after writing [`Body::force_array`].
+    /// what they find. Not needed after writing [`GpuBody::force_array`].
     pub fn mark_changed(&mut self) {
         self.state_changes += 1;
         self.nodes.array().mark_written();
     }
 
     /// A number that changes whenever the body is changed from outside: its state, pins, forces,
-    /// grabs or shape. What is written to [`Body::force_array`] does not count.
+    /// grabs or shape. What is written to [`GpuBody::force_array`] does not count.
     pub fn change_count(&self) -> u64 {
         self.revision().any
     }

@@ -20,7 +20,7 @@ impl GpuBody {
     /// [`TetCut::is_empty`].
     ///
     /// # Errors
-    /// As [`cut`](crate::mesh::cut()) and [`Body::apply_cut`].
+    /// As [`cut`](crate::mesh::cut()) and [`GpuBody::apply_cut`].
     pub fn cut(
         &mut self,
         mesh: &mut TetMesh,
@@ -44,7 +44,7 @@ impl GpuBody {
     /// without mass.
     ///
     /// # Errors
-    /// As [`remove`](crate::mesh::remove()) and [`Body::apply_cut`].
+    /// As [`remove`](crate::mesh::remove()) and [`GpuBody::apply_cut`].
     pub fn remove(
         &mut self,
         mesh: &mut TetMesh,
@@ -67,7 +67,7 @@ impl GpuBody {
         self.apply_cut_with_positions(mesh, cut, &texels)
     }
 
-    /// [`Body::apply_cut`], with the texels of the positions.
+    /// [`GpuBody::apply_cut`], with the texels of the positions.
     fn apply_cut_with_positions(
         &mut self,
         mesh: &TetMesh,

@@ -49,7 +49,7 @@ pub struct Element {
     pub inverse_rest_shape: DMat3,
     /// At rest, m³.
     pub volume: f64,
-    /// μ and λ as they enter the energy, Pa: of [`Law::NeoHookean`] the second is λ + μ.
+    /// μ and λ as they enter the energy, Pa: of [`ConstitutiveModel::NeoHookean`] the second is λ + μ.
     pub lame_parameters: [f64; 2],
     /// Which material it is of: tets of different ones share no volume.
     pub region: u32,
@@ -62,7 +62,7 @@ pub struct Elements {
     pub law: ConstitutiveModel,
     /// What their changes of volume are measured on.
     pub volume: VolumetricFormulation,
-    /// Of [`VolumeModel::NodalAveraged`]: λ over μ up to which each tet keeps its own volume. It holds
+    /// Of [`VolumetricFormulation::NodalAveraged`]: λ over μ up to which each tet keeps its own volume. It holds
     /// motions in which tets grow and shrink by turns and what is around each node does not.
     pub per_tet_lambda_ratio: f64,
     /// The tets, without those of rigid bodies.
@@ -70,7 +70,7 @@ pub struct Elements {
     /// What moves as one body.
     pub rigid: Vec<RigidBody>,
     /// α of Rayleigh damping, 1/s: a force −α m v on every node. The part in proportion to
-    /// stiffness is [`SpringNetwork::damping_time`](super::SpringNetwork::damping_time).
+    /// stiffness is [`DiscreteModel::damping_time`](super::DiscreteModel::damping_time).
     pub mass_damping: f64,
 }
 
@@ -107,10 +107,10 @@ pub struct NewtonSettings {
 }
 
 impl NewtonSettings {
-    /// To a residual of `tolerance`: what [`ConjugateGradients::tolerance`] asks for where it is
+    /// To a residual of `tolerance`: what [`CgSettings::tolerance`] asks for where it is
     /// not the default.
     ///
-    /// [`ConjugateGradients::tolerance`]: super::ConjugateGradients::tolerance
+    /// [`CgSettings::tolerance`]: super::CgSettings::tolerance
     pub fn with_tolerance(tolerance: f64) -> NewtonSettings {
         NewtonSettings {
             iterations: 40,

@@ -452,7 +452,7 @@ impl GpuBody {
     /// Has `tools` press on its boundary `faces`, from where its loads have them.
     ///
     /// # Errors
-    /// As [`Body::check_tools`]; [`Error::Gpu`] when the arrays do not fit the device.
+    /// As [`GpuBody::check_tools`]; [`Error::Gpu`] when the arrays do not fit the device.
     pub(super) fn set_tools(&mut self, tools: &[Tool], faces: &[[u32; 3]]) -> Result<()> {
         self.check_tools()?;
         let Some(elements) = &self.elements else {

@@ -48,7 +48,7 @@ pub(super) trait GpuTerm {
         Ok(None)
     }
 
-    /// Texels that it keeps of the matrix of an implicit step, for [`Part::System`].
+    /// Texels that it keeps of the matrix of an implicit step, for [`ProgramPart::System`].
     fn matrix_texels(&self) -> usize;
 
     /// Texels of its lists: what a visit of every node costs.
@@ -84,7 +84,7 @@ impl GpuBody {
         words.collect::<Vec<_>>().join(" ")
     }
 
-    /// Binds what all terms declare, in the order of [`Body::shader_name_with_contact`].
+    /// Binds what all terms declare, in the order of [`GpuBody::shader_name_with_contact`].
     pub(super) fn bind_pressed<'a>(
         &'a self,
         pass: PassBuilder<'a>,
@@ -98,7 +98,7 @@ impl GpuBody {
         }
     }
 
-    /// Binds what all terms declare, in the order of [`Body::shader_name`].
+    /// Binds what all terms declare, in the order of [`GpuBody::shader_name`].
     pub(super) fn bind_terms<'a>(
         &'a self,
         pass: PassBuilder<'a>,

@@ -14,7 +14,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// A [`Body`], the mesh it is made of, and its [`Solver`].
+/// A [`GpuBody`], the mesh it is made of, and its [`Solver`].
 pub struct GpuTets {
     gpu: Gpu,
     mesh: TetMesh,
@@ -39,7 +39,7 @@ impl GpuTets {
     /// `mesh` made of `material`, at rest, stepped by `kind`.
     ///
     /// # Errors
-    /// As [`Body::new`].
+    /// As [`GpuBody::new`].
     pub fn new(gpu: &Gpu, mesh: TetMesh, material: &Material, kind: SolverKind) -> Result<GpuTets> {
         let body = GpuBody::new(gpu, &mesh, material)?;
         let solver = kind.solver(gpu, &body)?;

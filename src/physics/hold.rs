@@ -105,7 +105,7 @@ impl ClampedEnd {
         }
     }
 
-    /// As [`HeldEnd::from_points`], of the largest piece that `ties` between nodes hold together; nodes
+    /// As [`ClampedEnd::from_points`], of the largest piece that `ties` between nodes hold together; nodes
     /// of the ends of the other pieces are added, so that none falls. Also the number of pieces.
     pub fn of_largest_component(
         points: &[DVec3],

@@ -11,7 +11,7 @@ use super::{GpuBody, SolverKind};
 use crate::gpu::{Array, Pass};
 use crate::{Error, Result};
 
-/// A scheme that steps a [`Body`] on the GPU.
+/// A scheme that steps a [`GpuBody`] on the GPU.
 pub trait Integrator: Sized + Send {
     /// Which one it is; of one of the caller's own: that whose stable step and advice are its own.
     const KIND: SolverKind;

@@ -2,7 +2,7 @@
 //! along its edges (Tejada & Ertl 2005, section 3), stepped on the GPU or on the processor by one
 //! trait, [`Simulator`].
 //!
-//! On the GPU a [`Body`] is a mesh made of a [`Material`]; a [`Solver`] moves it. A step is a chain of
+//! On the GPU a [`GpuBody`] is a mesh made of a [`Material`]; a [`Solver`] moves it. A step is a chain of
 //! passes: the solver proposes a candidate state, its forces and energies are computed, one
 //! workgroup decides whether it is sound, and only then it becomes the state. Nothing waits for
 //! the CPU; a failure freezes the last good state until somebody asks.

@@ -51,7 +51,7 @@ pub struct DiscreteModel {
 
 impl DiscreteModel {
     /// The end by which the body is held where nobody said, `down` being the way loads go: a flat
-    /// one, or what it stands on; see [`HeldEnd::of_largest_component`]. Also the number of its pieces.
+    /// one, or what it stands on; see [`ClampedEnd::of_largest_component`]. Also the number of its pieces.
     pub fn find_clamped_end(&self, down: DVec3) -> (ClampedEnd, usize) {
         let ties = self.springs.iter().map(|s| s.nodes);
         ClampedEnd::of_largest_component(&self.rest_positions, &self.masses, ties, down)
@@ -89,12 +89,12 @@ impl DiscreteModel {
 
     /// Follows `cut`, which made `mesh` of the mesh this network was made of: doubled nodes share
     /// the mass of their tets, and the edges at them become springs anew, each from the tets
-    /// around it, so that the network is what [`SpringNetwork::new`] would make of the mesh.
+    /// around it, so that the network is what [`DiscreteModel::new`] would make of the mesh.
     /// Returns the springs at the nodes doubled. Takes time in proportion to the cut, but for
     /// making room in the lists.
     ///
     /// # Errors
-    /// As [`SpringNetwork::new`], and [`Error::Input`] when `mesh` is not the one cut; nothing is
+    /// As [`DiscreteModel::new`], and [`Error::Input`] when `mesh` is not the one cut; nothing is
     /// changed then.
     pub fn apply_cut(
         &mut self,

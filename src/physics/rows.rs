@@ -36,7 +36,7 @@ pub(super) struct SlicedEllpack {
 /// A spring as its node sees it: the other node, κ and L in local units.
 pub(super) type DirectedSpring = (u32, f32, f32);
 
-/// What [`Rows::replace`] changed: places in the three lists.
+/// What [`SlicedEllpack::replace`] changed: places in the three lists.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Replaced {
     pub rows: Vec<u32>,

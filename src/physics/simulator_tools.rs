@@ -34,7 +34,7 @@ impl dyn Simulator + '_ {
         Ok(nodes.len())
     }
 
-    /// Holds the body by the end that suits it ([`HeldEnd::of_largest_component`]) and lets `gravity` (m/s²)
+    /// Holds the body by the end that suits it ([`ClampedEnd::of_largest_component`]) and lets `gravity` (m/s²)
     /// act across it. Returns a sentence that says so.
     ///
     /// # Errors

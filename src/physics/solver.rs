@@ -87,7 +87,7 @@ pub trait Solver: Send {
     fn state(&self) -> Result<SolverState>;
 
     /// Goes on from a state that [`Solver::state`] gave of this solver, or of one made in the same
-    /// way. `body` is its body, put into its own state by [`Body::set_state`] before.
+    /// way. `body` is its body, put into its own state by [`GpuBody::set_state`] before.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for the state of another solver.

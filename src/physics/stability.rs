@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// seconds; `None` for implicit Euler, which has none.
 ///
 /// From the eigenvalues of the scheme's own step matrix, damping included: see
-/// [`Linearised::largest_step`]. Undamped it is 2/ω_max for the symplectic schemes; explicit Euler
+/// [`LinearisedModel::largest_step`]. Undamped it is 2/ω_max for the symplectic schemes; explicit Euler
 /// without damping is never stable: 0. A body stretched far from rest may need less.
 pub fn largest_stable_step(
     network: &DiscreteModel,

@@ -33,7 +33,7 @@ pub(super) struct GrabsState {
     pub next: u32,
 }
 
-/// The state of a [`Body`]: see [`Body::state`].
+/// The state of a [`GpuBody`]: see [`GpuBody::state`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BodyState {
     positions: Vec<[f32; 4]>,
@@ -100,7 +100,7 @@ impl GpuBody {
         })
     }
 
-    /// Puts the body into a state that [`Body::state`] gave of it, or of one made and cut in the
+    /// Puts the body into a state that [`GpuBody::state`] gave of it, or of one made and cut in the
     /// same way. The state of its solver follows with
     /// [`Solver::set_state`](super::Solver::set_state).
     ///

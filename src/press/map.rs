@@ -299,7 +299,7 @@ impl PressMap {
     ///
     /// # Errors
     /// What `each` gives, and what making a simulator gives. A press of which a step fails is
-    /// [`Pressed::Failed`].
+    /// [`PointResult::Failed`].
     pub fn measure(
         &mut self,
         gpu: &Gpu,

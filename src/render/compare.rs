@@ -57,7 +57,7 @@ impl ImageDifference {
     /// An opaque picture of the differences, `gain` times amplified.
     ///
     /// # Errors
-    /// As [`Difference::between`].
+    /// As [`ImageDifference::between`].
     pub fn difference_image(a: &Image, b: &Image, gain: f32) -> Result<Image> {
         check_sizes(a, b)?;
         let apart = |i: usize| distance(a.values[i], b.values[i]) as f32;

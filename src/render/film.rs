@@ -16,7 +16,7 @@ const PALETTE_SPEED: i32 = 10;
 /// Characters of the program's last words that go into an error.
 const MAX_STDERR_CHARS: usize = 400;
 
-/// A film being written under a temporary name: it has its own once it is [finished](Film::finish),
+/// A film being written under a temporary name: it has its own once it is [finished](Animation::finish),
 /// and leaves nothing where it is not.
 ///
 /// `.gif` is an endless animation with a palette of 256 colours for each frame, `.mp4` is made by
@@ -53,7 +53,7 @@ impl Animation {
     /// frame.
     ///
     /// # Errors
-    /// As [`Film::create`].
+    /// As [`Animation::create`].
     pub fn check(path: impl AsRef<Path>, fps: f64) -> Result<()> {
         check(path.as_ref(), fps).map(drop)
     }

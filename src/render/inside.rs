@@ -342,7 +342,7 @@ impl Sections {
     }
 }
 
-/// The light of a float64 picture: at a point of a tet, as [`RayReference::composite_lit`] asks for
+/// The light of a float64 picture: at a point of a tet, as [`ReferenceRaycaster::composite_lit`] asks for
 /// it, of the volume and of surfaces.
 pub struct Lighting<'a> {
     /// The factor on colours of the volume, and what is added in proportion to opacity.

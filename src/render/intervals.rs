@@ -129,7 +129,7 @@ impl RaySegments {
         }
     }
 
-    /// As bytes, 28 a stretch, for [`Intervals::from_bytes`] on another machine.
+    /// As bytes, 28 a stretch, for [`RaySegments::from_bytes`] on another machine.
     pub fn to_bytes(&self) -> Vec<u8> {
         let head = [MAGIC, self.size[0], self.size[1]];
         let mut words: Vec<u8> = head.iter().flat_map(|n| n.to_le_bytes()).collect();
@@ -142,7 +142,7 @@ impl RaySegments {
         words
     }
 
-    /// What [`Intervals::to_bytes`] made.
+    /// What [`RaySegments::to_bytes`] made.
     ///
     /// # Errors
     /// [`Error::Input`] for bytes that are none.

@@ -127,7 +127,7 @@ pub struct RaycastOptions {
     pub table: TableKind,
     /// What the table's values are held in.
     pub texel: TableTexel,
-    /// Texels of the table along each scalar, and layers of a [`TableForm::Volume`]; chosen for
+    /// Texels of the table along each scalar, and layers of a [`TableKind::Volume`]; chosen for
     /// `table_tolerance` where nothing is said.
     pub table_size: Option<u32>,
     /// A ray of more than this opacity is not followed further; 1 follows each to its end.

@@ -279,7 +279,7 @@ impl Stage {
     /// background.
     ///
     /// # Errors
-    /// As [`Stage::image`] and [`Film::push`].
+    /// As [`Stage::image`] and [`Animation::push`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn film(&mut self, film: &mut Animation) -> Result<()> {
         let image = self.render_annotated()?;

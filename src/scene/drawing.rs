@@ -26,7 +26,7 @@ impl PendingImage {
     /// The picture, once it has arrived.
     ///
     /// # Errors
-    /// As [`Pending::try_take`].
+    /// As [`PendingReadback::try_take`].
     pub fn try_take(&mut self) -> Result<Option<Image>> {
         let pixels = self.pixels.try_take()?;
         Ok(pixels.map(|pixels| Image {

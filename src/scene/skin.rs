@@ -14,7 +14,7 @@ impl SkinEntry {
     /// Its surface, read from its file.
     ///
     /// # Errors
-    /// As [`Recipe::extract_surface`].
+    /// As [`MeshingConfig::extract_surface`].
     pub fn read(&self, progress: ProgressFn) -> Result<TriMesh> {
         let recipe = MeshingConfig {
             input: vec![self.file.clone()],

@@ -611,7 +611,7 @@ impl Stage {
     /// Puts the nodes where the caller wants them, in file units.
     ///
     /// # Errors
-    /// As [`Nodes::set_positions`].
+    /// As [`NodePositions::set_positions`].
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         match &mut self.drive {
             NodeSource::Posed(posed) => posed.nodes.set_positions(positions),

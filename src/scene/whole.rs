@@ -132,12 +132,12 @@ impl MeshManifest {
         Ok((whole, extra))
     }
 
-    /// As bytes, for [`Whole::from_bytes`].
+    /// As bytes, for [`MeshManifest::from_bytes`].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>> {
         serde_json::to_vec(self).map_err(|e| Error::Input(format!("the whole mesh: {e}")))
     }
 
-    /// What [`Whole::to_bytes`] made.
+    /// What [`MeshManifest::to_bytes`] made.
     pub(super) fn from_bytes(bytes: &[u8]) -> Result<MeshManifest> {
         let wrong = |e: &dyn std::fmt::Display| {
             Error::Input(format!(

@@ -84,7 +84,7 @@ impl SkinBase {
     /// Reads back once, so that the binding has the normals as the GPU makes them.
     ///
     /// # Errors
-    /// [`Error::Input`] as [`Carrier::new`]; [`Error::Gpu`] when the device cannot hold it.
+    /// [`Error::Input`] as [`SkinBase::new`]; [`Error::Gpu`] when the device cannot hold it.
     pub fn with_area_normals(
         gpu: &Gpu,
         positions: &Array,
@@ -140,7 +140,7 @@ impl SkinBase {
     /// The boundary of `mesh`, whose nodes stand at `positions`: xyz in `frame`.
     ///
     /// # Errors
-    /// As [`Carrier::with_area_normals`].
+    /// As [`SkinBase::with_area_normals`].
     pub fn from_mesh(
         gpu: &Gpu,
         mesh: &TetMesh,
@@ -153,7 +153,7 @@ impl SkinBase {
     /// The boundary of a body that is simulated.
     ///
     /// # Errors
-    /// As [`Carrier::with_area_normals`].
+    /// As [`SkinBase::with_area_normals`].
     pub fn from_body(gpu: &Gpu, body: &dyn Simulator) -> Result<SkinBase> {
         let nodes = body.nodes();
         SkinBase::from_mesh(gpu, body.mesh(), nodes.array(), nodes.frame())
@@ -163,7 +163,7 @@ impl SkinBase {
     /// as the nodes, the boundary of its full cells as base triangles. Reads back once.
     ///
     /// # Errors
-    /// As [`Carrier::new`] and [`GridBody::rest_normals`].
+    /// As [`SkinBase::new`] and [`GridBody::rest_normals`].
     pub fn from_grid(body: &mut GridBody) -> Result<SkinBase> {
         let at_rest = body.rest_normals()?;
         SkinBase::with_normals(body.nodes(), body.mesh(), body.normals(), &at_rest)
@@ -172,7 +172,7 @@ impl SkinBase {
     /// The boundary of `mesh`, whose nodes have the packed `normals` on the GPU, and these at rest.
     ///
     /// # Errors
-    /// As [`Carrier::new`].
+    /// As [`SkinBase::new`].
     pub fn with_normals(
         nodes: &NodePositions,
         mesh: &TetMesh,

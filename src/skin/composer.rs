@@ -127,11 +127,11 @@ impl Compositor {
         self.record_window(work, scene, camera, target, window)
     }
 
-    /// As [`Composer::record`], of the lit boundary, `skins` beside it and what `raycaster` draws of
+    /// As [`Compositor::record`], of the lit boundary, `skins` beside it and what `raycaster` draws of
     /// slices, isosurfaces and cut faces, where there are any.
     ///
     /// # Errors
-    /// As [`Composer::record`].
+    /// As [`Compositor::record`].
     pub fn record_boundary<'s>(
         &mut self,
         work: &mut Recorder,
@@ -150,11 +150,11 @@ impl Compositor {
         self.record_window(work, scene, camera, target, window)
     }
 
-    /// The picture of [`Composer::record_boundary`], of `size` pixels, on nothing. Waits and reads
+    /// The picture of [`Compositor::record_boundary`], of `size` pixels, on nothing. Waits and reads
     /// back.
     ///
     /// # Errors
-    /// As [`Composer::record`].
+    /// As [`Compositor::record`].
     pub fn boundary_image<'s>(
         &mut self,
         (boundary, skins): (&mut Surface, impl IntoIterator<Item = &'s mut Skin>),
@@ -173,7 +173,7 @@ impl Compositor {
     /// The picture of `camera`, of `size` pixels, on nothing. Waits and reads back.
     ///
     /// # Errors
-    /// As [`Composer::record`].
+    /// As [`Compositor::record`].
     pub fn image<'s>(
         &mut self,
         skins: impl IntoIterator<Item = &'s mut Skin>,

@@ -51,7 +51,7 @@ pub struct SearchResult<P> {
 /// of a cage may cancel.
 ///
 /// # Errors
-/// As [`Trial::cost`] and [`Trial::error`]; [`Error::Cancelled`] once `progress` breaks.
+/// As [`Candidates::cost`] and [`Candidates::error`]; [`Error::Cancelled`] once `progress` breaks.
 pub fn cheapest<T: Candidates>(
     trial: &mut T,
     tolerance: f64,

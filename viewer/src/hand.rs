@@ -314,7 +314,7 @@ impl App {
     /// metres deep; goes on with the press that there is.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing is seen there; as [`Show::press`](crate::show::Show::press).
+    /// [`Error::Input`] where nothing is seen there; as [`BodySession::press`](crate::show::BodySession::press).
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn press_at(&mut self, [x, y]: [f64; 2], depth: f64) -> Result<()> {
         let nothing = || palpate::Error::Input("there is nothing to press on".into());

@@ -31,7 +31,7 @@ impl Recording {
     /// Begins a film.
     ///
     /// # Errors
-    /// As [`Film::create`].
+    /// As [`Animation::create`].
     fn begin(file: &Path, size: [u32; 2], context: &egui::Context) -> Result<Recording> {
         let film = Animation::create(file, size, FPS)?;
         let (pictures, written) = sync_channel(WAITING);
@@ -90,7 +90,7 @@ impl App {
     /// Begins a film of what is seen from now on, in the size of saved pictures.
     ///
     /// # Errors
-    /// As [`Film::create`].
+    /// As [`Animation::create`].
     pub(crate) fn begin_film(&mut self, file: &Path, context: &egui::Context) -> Result<()> {
         self.recording = Some(Recording::begin(file, self.picture, context)?);
         self.set_status("the film goes on until it is stopped, at the bottom".into());

@@ -59,7 +59,7 @@ impl Screen {
     /// Whether it will be drawn finer.
     ///
     /// # Errors
-    /// As [`Show::record`].
+    /// As [`BodySession::record`].
     pub fn draw(
         &mut self,
         (gpu, state): (&Gpu, &RenderState),

@@ -746,7 +746,7 @@ impl BodySession {
     /// Does again what was undone last, after so many edits of the scene.
     ///
     /// # Errors
-    /// As [`Show::hold`].
+    /// As [`BodySession::hold`].
     pub fn redo(&mut self, edits: usize) -> Result<()> {
         match self.edits.redo().as_deref() {
             Some(BodyEdit::Cut(blade, _)) => self.blade = Some((blade.clone(), edits, true)),
@@ -785,7 +785,7 @@ impl BodySession {
         Ok(fresh.len())
     }
 
-    /// Holds what is within the finger's radius of `pick` where it is, as [`Show::hold`].
+    /// Holds what is within the finger's radius of `pick` where it is, as [`BodySession::hold`].
     ///
     /// # Errors
     /// [`Error::Input`] where nothing moves.
@@ -868,7 +868,7 @@ impl RebuildRequest {
     /// The body as it was before.
     ///
     /// # Errors
-    /// As [`Show::new`] and [`Stage::resume`].
+    /// As [`BodySession::new`] and [`Stage::resume`].
     pub fn rebuild(self, gpu: &Gpu, before: &BodySnapshot) -> Result<BodySession> {
         let mut show = BodySession::new(gpu, &self.made, self.mesh, Some(self.radius))?;
         show.stage.resume(&before.checkpoint)?;

@@ -85,7 +85,7 @@ impl<T: Real> BlockCsr<T> {
         add(&mut self.values[slot as usize], block);
     }
 
-    /// Adds a block where [`Rows::entry_slot`] said.
+    /// Adds a block where [`BlockCsr::entry_slot`] said.
     #[inline(always)]
     pub fn add_placed(&mut self, place: u32, block: &Mat3Columns<T>) {
         if place == NO_SLOT {

@@ -64,9 +64,9 @@ pub struct CgResult {
     pub residual: f64,
     /// Whether it is what was asked for.
     pub converged: bool,
-    /// Of [`Solver::solve_from_zero`]: b·x, which is twice what ½xᵀAx − bᵀx was lowered by.
+    /// Of [`CgSolver::solve_from_zero`]: b·x, which is twice what ½xᵀAx − bᵀx was lowered by.
     pub predicted_decrease: f64,
-    /// Of [`Solver::solve_from_zero`]: whether it ended where the matrix is not positive definite.
+    /// Of [`CgSolver::solve_from_zero`]: whether it ended where the matrix is not positive definite.
     pub indefinite: bool,
 }
 
@@ -114,8 +114,8 @@ impl<T: Real> CgSolver<T> {
         }
     }
 
-    /// Solves A x = b, b in [`Solver::residual`] with bᵀD⁻¹b = `start`; x is left in
-    /// [`Solver::solution`].
+    /// Solves A x = b, b in [`CgSolver::residual`] with bᵀD⁻¹b = `start`; x is left in
+    /// [`CgSolver::solution`].
     pub fn solve(
         &mut self,
         a: &SystemOperator<'_, T>,
@@ -127,7 +127,7 @@ impl<T: Real> CgSolver<T> {
         self.iterate(a, coarse, start, stop, false)
     }
 
-    /// As [`Solver::solve`], from nothing, and of a matrix that may not be positive definite:
+    /// As [`CgSolver::solve`], from nothing, and of a matrix that may not be positive definite:
     /// there it ends.
     pub fn solve_from_zero(
         &mut self,

@@ -134,7 +134,7 @@ impl<T: Real> SparseCholesky<T> {
         &mut self.factor_f64[place]
     }
 
-    /// Factorises what was added up since [`Cholesky::clear`]. Whether it is positive definite;
+    /// Factorises what was added up since [`SparseCholesky::clear`]. Whether it is positive definite;
     /// if not, there is nothing to solve with.
     pub fn factorise(&mut self) -> bool {
         for k in 0..self.order.len() {

@@ -50,7 +50,7 @@ impl LocalToolPose {
         [a, b, c, x, y, z, w]
     }
 
-    /// What [`ToolPlace::numbers`] gave.
+    /// What [`LocalToolPose::numbers`] gave.
     pub fn of_numbers([a, b, c, x, y, z, w]: [f64; 7]) -> LocalToolPose {
         LocalToolPose {
             place: DVec3::new(a, b, c),

@@ -103,7 +103,7 @@ impl EnergyGuard {
     /// Takes the energy of a state that was put there from outside for the start.
     ///
     /// # Errors
-    /// [`Failure::NonFinite`].
+    /// [`StepFailure::NonFinite`].
     pub fn restart(&mut self, sums: StepTotals) -> Result<(), StepFailure> {
         finite(sums)?;
         *self = EnergyGuard {
@@ -117,7 +117,7 @@ impl EnergyGuard {
     /// Takes note of a state that no energy is judged of.
     ///
     /// # Errors
-    /// [`Failure::NonFinite`].
+    /// [`StepFailure::NonFinite`].
     pub fn check_finite(&mut self, sums: StepTotals) -> Result<(), StepFailure> {
         finite(sums)?;
         self.last = sums;
@@ -128,7 +128,7 @@ impl EnergyGuard {
     /// `joules` in one of energy.
     ///
     /// # Errors
-    /// [`Failure::NonFinite`], [`Failure::RunawayEnergy`].
+    /// [`StepFailure::NonFinite`], [`StepFailure::RunawayEnergy`].
     pub fn check_step(
         &mut self,
         sums: StepTotals,

@@ -39,7 +39,7 @@ pub struct InitialGuesses<T> {
     inertial_target: Vec<V4<T>>,
     /// b.
     history_offset: Vec<V4<T>>,
-    /// Of [`Guess::ConstantAcceleration`].
+    /// Of [`InitialGuess::ConstantAcceleration`].
     curved: Vec<V4<T>>,
     has_history: bool,
     evaluation_time: T,

@@ -140,7 +140,7 @@ impl<T: Real> LinearStepSolver<T> {
         }
     }
 
-    /// Finds Δv, which is then [`Solver::solution`] until [`Solver::store_solution`]; local units.
+    /// Finds Δv, which is then [`CgSolver::solution`] until [`CgSolver::store_solution`]; local units.
     pub fn solve(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -166,7 +166,7 @@ impl<T: Real> LinearStepSolver<T> {
         outcome
     }
 
-    /// As [`Solver::solve_from_zero`], with the coarse space.
+    /// As [`CgSolver::solve_from_zero`], with the coarse space.
     pub(super) fn solve_afresh(
         &mut self,
         a: &SystemOperator<'_, T>,

@@ -84,7 +84,7 @@ impl<T: Real> NewtonSolver<T> {
 
     /// Goes on along the direction from the part `near` of it to less than `far`, which is too far,
     /// where Φ falls all the way; it was `before` at the start, with the slope `-gain`. As
-    /// [`Minimiser::line_search`].
+    /// [`NewtonSolver::line_search`].
     fn refine_bracket(
         &mut self,
         scene: &StepContext<'_, T>,

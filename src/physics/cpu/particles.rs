@@ -88,7 +88,7 @@ fn within(
     }
 }
 
-/// What [`Particles::state`] gives.
+/// What [`CpuGridBody::state`] gives.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParticlesState<T> {
     /// Displacements now and a step before.
@@ -109,7 +109,7 @@ impl<T: Real> CpuGridBody<T> {
         CpuGridBody::with_slabs(model, threads.min(bodies / PARTICLES_A_THREAD))
     }
 
-    /// As [`Particles::new`], its rows shared out in that many slabs, or fewer.
+    /// As [`CpuGridBody::new`], its rows shared out in that many slabs, or fewer.
     pub fn with_slabs(model: &GridModel, slabs: usize) -> CpuGridBody<T> {
         let rest = model.rest_positions_m();
         let count = rest.len();
@@ -380,7 +380,7 @@ impl<T: Real> CpuGridBody<T> {
         }
     }
 
-    /// Goes on from a state that [`Particles::state`] gave of this body or of one made in the same
+    /// Goes on from a state that [`CpuGridBody::state`] gave of this body or of one made in the same
     /// way.
     ///
     /// # Errors

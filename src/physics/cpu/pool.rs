@@ -130,7 +130,7 @@ impl Partition {
     }
 
     /// Runs `work` on a thread of the pool where the plan has several chunks: from outside every
-    /// single call of [`Plan::for_each_chunk`] would have to wake it.
+    /// single call of [`Partition::for_each_chunk`] would have to wake it.
     pub fn in_pool<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match self.chunks() {
             1 => work(),

@@ -24,10 +24,10 @@ fn check_rigid_support(kind: SolverKind) -> Result<()> {
 }
 
 /// The network that the engine keeps of `network`, the order of its nodes, and what of it is rigid;
-/// `most` as for [`Layout::new`].
+/// `most` as for [`RigidLayout::new`].
 ///
 /// # Errors
-/// As [`Layout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
+/// As [`RigidLayout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
 pub(super) fn build_layout<'a>(
     network: &'a DiscreteModel,
     kind: SolverKind,

@@ -276,7 +276,7 @@ impl<T: Real> SelfContactTerm<T> {
         off - rub.normal * rub.normal.dot(off)
     }
 
-    /// Σ λ² w²/m over pairs; see [`super::contact::Contact::residual_scale`].
+    /// Σ λ² w²/m over pairs; see [`super::contact::ToolContact::residual_scale`].
     pub fn weight(&self, u: &[V4<T>], over: impl Fn(usize, DVec3) -> f64) -> f64 {
         let of = |pair: &CollisionCandidate| {
             let own = self.active_pair(pair, u)?;

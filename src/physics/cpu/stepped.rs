@@ -68,7 +68,7 @@ pub(in crate::physics) trait Steppable: Send + 'static {
     /// The whole state, packed.
     fn serialise_state(&self) -> Result<Vec<u8>>;
 
-    /// Goes on from a state that [`Stepped::serialise_state`] gave of a body made in the same way.
+    /// Goes on from a state that [`Steppable::serialise_state`] gave of a body made in the same way.
     fn resume(&mut self, packed: &[u8]) -> Result<()>;
 }
 

@@ -114,7 +114,7 @@ pub trait Term<T: Real>: Send + Sync {
     }
 
     /// Tells every block A_ij with i < j, as last linearised, once or in parts: what a coarse
-    /// space is built from. The blocks on the diagonal are those of [`Share::diagonal`].
+    /// space is built from. The blocks on the diagonal are those of [`SystemContribution::diagonal`].
     fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3));
 
     /// [`Term::visit_off_diagonal`] of which both nodes are among these, which are all in one chunk.

@@ -243,7 +243,7 @@ impl<T: Real> RigidBlock<T> {
         (0..DOF_PER_GROUP).map(|k| (f[k] * m[k]).to_f64()).sum()
     }
 
-    /// The arms, for [`moved`].
+    /// The arms, for [`rigid_displacement`].
     pub fn arms(&self) -> &[V4<T>] {
         &self.arms
     }

@@ -196,7 +196,7 @@ impl GridBody {
     /// Moves the particles to `positions` in file units, at rest there.
     ///
     /// # Errors
-    /// As [`Nodes::set_positions`].
+    /// As [`NodePositions::set_positions`].
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         let frame = self.nodes.frame();
         let mut local = self

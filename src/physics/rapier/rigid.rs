@@ -196,7 +196,7 @@ impl RigidRegionBody {
     /// thick, and so damped.
     ///
     /// # Errors
-    /// As [`Bone::collider`].
+    /// As [`RigidRegion::collider`].
     pub fn new(
         physics: &mut PhysicsWorld,
         bone: &RigidRegion,

@@ -12,7 +12,7 @@ impl Geometry {
     /// # Errors
     /// [`Error::Input`] for scalars that do not fit, or a range that is none.
     ///
-    /// [`Raycaster::update_range`]: crate::render::Raycaster::refresh_range
+    /// [`Raycaster::update_range`]: crate::render::Raycaster::update_range
     pub fn set_scalars<'a>(
         &mut self,
         mesh: &TetMesh,

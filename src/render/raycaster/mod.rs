@@ -238,7 +238,7 @@ impl Raycaster {
         self.looks.table.size
     }
 
-    /// Layers of the table: its slices, the depths of a [`TableForm::Volume`](super::TableForm::Volume), or the
+    /// Layers of the table: its slices, the depths of a [`TableKind::Volume`](super::TableKind::Volume), or the
     /// transfer functions in it.
     pub fn table_layers(&self) -> u32 {
         self.looks.table.layers

@@ -101,7 +101,7 @@ pub(super) const TABLE_SIZES: std::ops::RangeInclusive<u32> = 8..=512;
 
 /// A table on the GPU, and the passes that fill it.
 pub(super) struct Table {
-    /// How it is looked up: not [`TableForm::Auto`].
+    /// How it is looked up: not [`TableKind::Auto`].
     pub form: TableKind,
     /// All layers, as its term reads them.
     pub view: wgpu::TextureView,
@@ -161,7 +161,7 @@ fn pieces_of(wanted: &TableRequest) -> Vec<LinearPieces> {
     wanted.rows.iter().map(pieces).collect()
 }
 
-/// The form that [`TableForm::Auto`] stands for.
+/// The form that [`TableKind::Auto`] stands for.
 fn chosen(pieces: &[LinearPieces], wanted: &TableRequest) -> TableKind {
     match wanted.form {
         TableKind::Auto if pieces.len() > 1 => TableKind::Integrals,
